@@ -1,0 +1,271 @@
+"""The one kernel: blocks of eight lanes advanced through an interval, sub-step by sub-step.
+
+A lane is one state with one mode. :func:`sub_step` says what happens to it, on generic scalars; here
+it is traced, compiled and run over blocks. Predictions, the optimiser, the masks, the env and the
+vector env all run it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_env.compiler import BlockFunction, emit, load
+from snake_env.control import limited_input, redundancy_gain, reference
+from snake_env.cost import cost_and_gradient
+from snake_env.errors import InvalidInputError
+from snake_env.kinematics import Body, least_squared_distance, locate
+from snake_env.params import SnakeParams
+from snake_env.scalars import Bool, Scalar, absolute, both, maximum, minimum, negate, select
+from snake_env.stability import statically_stable
+from snake_env.tracing import Trace
+
+LANES = 8
+RUNNING, UNSTABLE, BEYOND_LIMIT, PADDING = 0.0, 1.0, 2.0, 3.0  # values of a lane's `violation`
+
+_FLOATS = [f.name for f in dataclasses.fields(SnakeParams) if isinstance(f.default, float)]
+_TUPLES = [
+    (f.name, len(f.default))
+    for f in dataclasses.fields(SnakeParams)
+    if isinstance(f.default, tuple)
+]
+
+
+@dataclass
+class Lane:
+    """One state with one mode, as generic scalars.
+
+    Attributes:
+        phi: Joint angles, n values [rad].
+        w: Head pose, 3 values [m, m, rad].
+        u: The last sub-step's joint input, n values [rad/s].
+        integral: Integral of V so far [s].
+        duration: Time executed so far [s].
+        violation: ``RUNNING``, or what stopped the lane.
+        d2_min: Square of the least d_min so far [m^2].
+        max_abs_phi: Largest joint angle so far, in size [rad].
+        phase: The SCP's number.
+        target: The SCP's target [rad].
+        ref_start: The SCP's angle when the phase began [rad].
+        phase_time: Time since then, at the interval's start [s].
+        grounded: 1 for each grounded wheel, else 0: n values.
+        wheels: Numbers of the lifted rear wheels, in rising order.
+    """
+
+    phi: list[Scalar]
+    w: list[Scalar]
+    u: list[Scalar]
+    integral: Scalar
+    duration: Scalar
+    violation: Scalar
+    d2_min: Scalar
+    max_abs_phi: Scalar
+    phase: Scalar
+    target: Scalar
+    ref_start: Scalar
+    phase_time: Scalar
+    grounded: list[Scalar]
+    wheels: list[Scalar]
+
+    def grounded_marks(self) -> list[Bool]:
+        """Whether each wheel is grounded."""
+        return [mark == 1.0 for mark in self.grounded]
+
+
+def layout(n_joints: int, n_lifted: int) -> dict[str, slice]:
+    """Rows of the lane buffer that hold each field of :class:`Lane`."""
+    lengths = {"phi": n_joints, "w": 3, "u": n_joints, "grounded": n_joints, "wheels": n_lifted}
+    rows: dict[str, slice] = {}
+    row = 0
+    for field in dataclasses.fields(Lane):
+        length = lengths.get(field.name, 1)
+        rows[field.name] = slice(row, row + length)
+        row += length
+    return rows
+
+
+def visit(lane: Lane, p: SnakeParams) -> Body:
+    """What happens wherever a running lane arrives: d_min is noted and (22) is tested."""
+    body = locate(lane.phi, p.l)
+    running = lane.violation == RUNNING
+    least = minimum(least_squared_distance(body), lane.d2_min)
+    lane.d2_min = select(running, least, lane.d2_min)
+    unstable = negate(statically_stable(body, lane.grounded_marks(), p))
+    lane.violation = select(both(running, unstable), UNSTABLE, lane.violation)
+    return body
+
+
+def cost_and_input(
+    lane: Lane, body: Body, t: Scalar, k_eta: Scalar, p: SnakeParams
+) -> tuple[Scalar, list[Scalar], list[Scalar], list[Scalar]]:
+    """V (19), its gradient (14), the joint input (29) and the head's velocity at time ``t``."""
+    joints = range(1, len(lane.phi) + 1)
+    scp = [lane.phase == float(k) for k in joints]
+    rear = [lane.phase < float(k) for k in joints]
+    columns = [[wheel == float(k) for k in joints] for wheel in lane.wheels]
+    v, gradient = cost_and_gradient(body, lane.phi, rear, lane.grounded_marks(), p)
+    scp_reference = reference(lane.ref_start, lane.target, lane.phase_time + t, p)
+    u, w_rate = limited_input(
+        body, lane.phi, lane.w, scp_reference, scp, rear, columns, gradient, k_eta, p
+    )
+    return v, gradient, u, w_rate
+
+
+def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
+    """One sub-step of a lane: a running lane moves on, or stops at its first violation."""
+    body = visit(lane, p)
+    running = lane.violation == RUNNING
+    v, _, lane.u, w_rate = cost_and_input(lane, body, t, k_eta, p)
+    lane.integral = select(running, lane.integral + v * p.dt, lane.integral)
+    lane.duration = select(running, lane.duration + p.dt, lane.duration)
+    lane.phi = [select(running, x + p.dt * rate, x) for x, rate in zip(lane.phi, lane.u, strict=True)]
+    lane.w = [select(running, x + p.dt * rate, x) for x, rate in zip(lane.w, w_rate, strict=True)]
+    largest = functools.reduce(maximum, [absolute(x) for x in lane.phi])
+    lane.max_abs_phi = maximum(largest, lane.max_abs_phi)
+    within = largest <= p.phi_limit + p.limit_tolerance  # (23)
+    lane.violation = select(both(running, negate(within)), BEYOND_LIMIT, lane.violation)
+
+
+class Kernel:
+    """The compiled kernel for a number of joints and of lifted rear wheels.
+
+    Attributes:
+        rows: Rows of a block that hold each field of :class:`Lane`.
+        n_rows: Rows of a block.
+        lanes: Lanes of a block.
+    """
+
+    def __init__(self, n_joints: int, n_lifted: int, head_contact: bool, lanes: int = LANES) -> None:
+        self.rows = layout(n_joints, n_lifted)
+        self.n_rows = max(rows.stop for rows in self.rows.values())
+        self.lanes = lanes
+        loop, last = Trace(), Trace()
+        p, lane = self._traced(loop, head_contact)
+        sub_step(lane, loop.clock(0), loop.clock(1), p)
+        self._store(loop, lane)
+        p, lane = self._traced(last, head_contact)
+        visit(lane, p)
+        self._store(last, lane)
+        ir = emit(loop, last, self.n_rows, self.rows["violation"].start, 2, lanes)
+        self._run: BlockFunction = load(ir, f"{n_joints} joints, {n_lifted} lifted rear wheels")
+
+    def _traced(self, trace: Trace, head_contact: bool) -> tuple[SnakeParams, Lane]:
+        """Constants and a lane whose values are loads from the kernel's arguments."""
+        row = iter(range(1000))
+        p = SimpleNamespace(head_contact=head_contact)
+        for name in _FLOATS:
+            setattr(p, name, trace.shared(next(row)))
+        for name, length in _TUPLES:
+            setattr(p, name, tuple(trace.shared(next(row)) for _ in range(length)))
+        values = {
+            name: [trace.lane(row) for row in range(rows.start, rows.stop)]
+            for name, rows in self.rows.items()
+        }
+        lists = ("phi", "w", "u", "grounded", "wheels")
+        fields = {name: v if name in lists else v[0] for name, v in values.items()}
+        return cast(SnakeParams, p), Lane(**fields)  # type: ignore[arg-type]
+
+    def _store(self, trace: Trace, lane: Lane) -> None:
+        for name, rows in self.rows.items():
+            value = getattr(lane, name)
+            values: Sequence[Scalar] = value if isinstance(value, list) else [value]
+            for row, scalar in zip(range(rows.start, rows.stop), values, strict=True):
+                if trace.operations[trace.position(scalar)] != ("lane", (row,)):  # it was changed
+                    trace.store(row, scalar)
+
+    def blocks(self, count: int) -> NDArray[np.float64]:
+        """An uninitialised lane buffer for ``count`` lanes: (n_blocks, n_rows, lanes), aligned."""
+        shape = (-(-count // self.lanes), self.n_rows, self.lanes)
+        size = int(np.prod(shape))
+        raw = np.empty(size + 7)
+        offset = -(raw.ctypes.data // 8) % 8
+        return raw[offset : offset + size].reshape(shape)
+
+    def run(
+        self,
+        blocks: NDArray[np.float64],
+        constants: NDArray[np.float64],
+        clock: NDArray[np.float64],
+    ) -> None:
+        """Advances all lanes in place, one sub-step for each row of the clock.
+
+        Args:
+            blocks: Lane buffer from :meth:`blocks`, filled.
+            constants: From :func:`constants_of`.
+            clock: From :func:`clock_of`, or consecutive rows of it.
+        """
+
+        def part(first: int, count: int) -> None:
+            address = blocks.ctypes.data + 8 * first * self.n_rows * self.lanes
+            self._run(address, constants.ctypes.data, clock.ctypes.data, len(clock), count)
+
+        n_blocks = len(blocks)
+        n_threads = min(_threads.count, n_blocks)
+        if n_threads == 1:
+            part(0, n_blocks)
+            return
+        edges = [n_blocks * k // n_threads for k in range(n_threads + 1)]
+        tasks = [(first, stop - first) for first, stop in zip(edges, edges[1:], strict=False)]
+        list(_threads.pool().map(part, *zip(*tasks, strict=True)))
+
+
+class _Threads:
+    """How many threads share the blocks of a call, and the pool that they live in."""
+
+    def __init__(self) -> None:
+        self.count = 1
+        self._pool: ThreadPoolExecutor | None = None
+
+    def pool(self) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.count, thread_name_prefix="snake_env")
+        return self._pool
+
+    def resize(self, count: int) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+        self.count, self._pool = count, None
+
+
+_threads = _Threads()
+
+
+def set_num_threads(count: int) -> None:
+    """Lets one call of the kernel use ``count`` threads (default 1); results stay the same.
+
+    Raises:
+        InvalidInputError: ``count`` is not a positive integer.
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InvalidInputError("count", count, "a positive number of threads")
+    _threads.resize(count)
+
+
+@functools.lru_cache(maxsize=None)
+def get_kernel(n_joints: int, n_lifted: int, head_contact: bool, lanes: int = LANES) -> Kernel:
+    """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
+    return Kernel(n_joints, n_lifted, head_contact, lanes)
+
+
+@functools.lru_cache(maxsize=256)
+def constants_of(params: SnakeParams) -> NDArray[np.float64]:
+    """The constants in the order in which the kernel reads them."""
+    values = [getattr(params, name) for name in _FLOATS]
+    for name, _ in _TUPLES:
+        values += getattr(params, name)
+    return np.array(values, dtype=np.float64)
+
+
+@functools.lru_cache(maxsize=256)
+def clock_of(params: SnakeParams) -> NDArray[np.float64]:
+    """Time inside the interval and k_eta (16) for each sub-step, shape (n_steps, 2)."""
+    times = [step * params.dt for step in range(params.n_steps)]
+    return np.array([(t, redundancy_gain(t, params)) for t in times], dtype=np.float64)
