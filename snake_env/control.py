@@ -26,6 +26,8 @@ from snake_env.scalars import (
     total,
 )
 
+_TINY = 1e-300
+
 
 def rolling_rates(
     body: Body,
@@ -102,7 +104,8 @@ def null_space_input(
     Args:
         body: The robot's body.
         l: Half a link's length [m].
-        columns: For each lifted rear wheel, from the front: a one-hot mark of its joint.
+        columns: For each lifted rear wheel, from the front: a one-hot mark of its joint; no mark at
+            all in columns that are not used.
         gradient: eta of (14), n values.
 
     Returns:
@@ -119,7 +122,7 @@ def null_space_input(
             overlap = dot(vector[offset:], other) / squared_norm
             for k, value in enumerate(other):
                 vector[offset + k] = vector[offset + k] - overlap * value
-        squared_norm = dot(vector, vector)
+        squared_norm = maximum(dot(vector, vector), _TINY)  # an unused column is 0, and stays so
         basis.append((first, vector, squared_norm))
         share = dot(vector, gradient[first - 1 :]) / squared_norm
         for k, value in enumerate(vector, start=first - 1):

@@ -23,6 +23,7 @@ from snake_env.control import limited_input, redundancy_gain, reference
 from snake_env.cost import cost_and_gradient
 from snake_env.errors import InvalidInputError
 from snake_env.kinematics import Body, least_squared_distance, locate
+from snake_env.modes import MIN_GROUNDED
 from snake_env.params import SnakeParams
 from snake_env.scalars import Bool, Scalar, absolute, both, maximum, minimum, negate, select
 from snake_env.stability import statically_stable
@@ -57,7 +58,7 @@ class Lane:
         ref_start: The SCP's angle when the phase began [rad].
         phase_time: Time since then, at the interval's start [s].
         grounded: 1 for each grounded wheel, else 0: n values.
-        wheels: Numbers of the lifted rear wheels, in rising order.
+        wheels: Numbers of the lifted rear wheels in rising order, then zeros: n - 4 values.
     """
 
     phi: list[Scalar]
@@ -80,9 +81,10 @@ class Lane:
         return [mark == 1.0 for mark in self.grounded]
 
 
-def layout(n_joints: int, n_lifted: int) -> dict[str, slice]:
+def layout(n_joints: int) -> dict[str, slice]:
     """Rows of the lane buffer that hold each field of :class:`Lane`."""
-    lengths = {"phi": n_joints, "w": 3, "u": n_joints, "grounded": n_joints, "wheels": n_lifted}
+    most = n_joints - 1 - MIN_GROUNDED
+    lengths = {"phi": n_joints, "w": 3, "u": n_joints, "grounded": n_joints, "wheels": most}
     rows: dict[str, slice] = {}
     row = 0
     for field in dataclasses.fields(Lane):
@@ -135,7 +137,7 @@ def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
 
 
 class Kernel:
-    """The compiled kernel for a number of joints and of lifted rear wheels.
+    """The compiled kernel for a number of joints.
 
     Attributes:
         rows: Rows of a block that hold each field of :class:`Lane`.
@@ -143,8 +145,8 @@ class Kernel:
         lanes: Lanes of a block.
     """
 
-    def __init__(self, n_joints: int, n_lifted: int, head_contact: bool, lanes: int = LANES) -> None:
-        self.rows = layout(n_joints, n_lifted)
+    def __init__(self, n_joints: int, head_contact: bool, lanes: int = LANES) -> None:
+        self.rows = layout(n_joints)
         self.n_rows = max(rows.stop for rows in self.rows.values())
         self.lanes = lanes
         loop, last = Trace(), Trace()
@@ -155,7 +157,7 @@ class Kernel:
         visit(lane, p)
         self._store(last, lane)
         ir = emit(loop, last, self.n_rows, self.rows["violation"].start, 2, lanes)
-        self._run: BlockFunction = load(ir, f"{n_joints} joints, {n_lifted} lifted rear wheels")
+        self._run: BlockFunction = load(ir, f"{n_joints} joints")
 
     def _traced(self, trace: Trace, head_contact: bool) -> tuple[SnakeParams, Lane]:
         """Constants and a lane whose values are loads from the kernel's arguments."""
@@ -250,9 +252,9 @@ def set_num_threads(count: int) -> None:
 
 
 @functools.lru_cache(maxsize=None)
-def get_kernel(n_joints: int, n_lifted: int, head_contact: bool, lanes: int = LANES) -> Kernel:
+def get_kernel(n_joints: int, head_contact: bool, lanes: int = LANES) -> Kernel:
     """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
-    return Kernel(n_joints, n_lifted, head_contact, lanes)
+    return Kernel(n_joints, head_contact, lanes)
 
 
 @functools.lru_cache(maxsize=256)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias, cast
+from typing import TypeAlias
 
 from snake_env.tracing import Traced, TracedBool
 
@@ -114,6 +114,3 @@ def sin_cos(x: Scalar) -> tuple[Scalar, Scalar]:
     )
 
 
-def as_floats(values: Sequence[float]) -> list[float]:
-    """Plain Python floats of any sequence: NumPy scalars would make the conditions non-``bool``."""
-    return [float(cast(float, value)) for value in values]

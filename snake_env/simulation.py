@@ -6,7 +6,6 @@ Everything here goes through the one kernel, for one state or many.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +23,11 @@ from snake_env.kernel import (
     constants_of,
     cost_and_input,
     get_kernel,
-    layout,
 )
 from snake_env.kinematics import locate
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.scalars import Scalar
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 VIOLATIONS = ("", "stability", "joint_limit")
@@ -331,49 +330,31 @@ def _check_states(states: StateBatch, modes: IntArray, params: SnakeParams) -> N
 def _run(
     states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> dict[str, FloatArray]:
-    """Runs the kernel over states with a mode each; what each lane ends with, by field.
-
-    The lanes are sorted into blocks by their number of lifted rear wheels, which fixes the kernel; a
-    lane's result does not depend on the others.
-    """
+    """Runs the kernel over states with a mode each; what each lane ends with, by field."""
     table = mode_table(params.n_joints)
-    n_lifted = table.n_lifted[modes]
-    constants = constants_of(params)
-    count = len(modes)
-    widths = {"phi": params.n_joints, "w": 3, "u": params.n_joints}
-    outcome = {
-        name: np.empty((count, widths.get(name, 1)))
-        for name in (*widths, "integral", "duration", "violation", "d2_min", "max_abs_phi")
-    }
-    for lifted in np.unique(n_lifted):
-        lanes = np.flatnonzero(n_lifted == lifted)
-        kernel = get_kernel(params.n_joints, int(lifted), params.head_contact)
-        blocks = kernel.blocks(len(lanes))
-        rows = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
-        some = rows[:, : len(lanes)]
-        phi, scp = states.phi[lanes], states.phase[lanes] - 1
-        each = np.arange(len(lanes))
-        grounded = ~table.lifted[modes[lanes]]
-        grounded[each, scp] = False
-        at = kernel.rows
-        rows[at["violation"]] = PADDING
-        some[at["violation"]] = RUNNING
-        some[at["d2_min"]] = np.inf
-        some[at["phi"]] = phi.T
-        some[at["w"]] = states.w[lanes].T
-        some[at["max_abs_phi"]] = np.abs(phi).max(axis=1)
-        some[at["phase"]] = states.phase[lanes]
-        some[at["target"]] = states.target[lanes, scp]
-        some[at["ref_start"]] = states.ref_start[lanes]
-        some[at["phase_time"]] = states.phase_time[lanes]
-        some[at["grounded"]] = grounded.T
-        some[at["wheels"]] = table.wheels[modes[lanes], :lifted].T
-        blocks[:] = rows.reshape(kernel.n_rows, len(blocks), kernel.lanes).transpose(1, 0, 2)
-        kernel.run(blocks, constants, clock)
-        rows = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, : len(lanes)]
-        for name, values in outcome.items():
-            values[lanes] = rows[at[name]].T
-    return outcome
+    kernel = get_kernel(params.n_joints, params.head_contact)
+    at, count = kernel.rows, len(modes)
+    blocks = kernel.blocks(count)
+    lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
+    each, scp = np.arange(count), states.phase - 1
+    grounded = ~table.lifted[modes]
+    grounded[each, scp] = False
+    lanes[at["violation"], count:] = PADDING
+    lanes[at["d2_min"]] = np.inf
+    lanes[at["phi"], :count] = states.phi.T
+    lanes[at["w"], :count] = states.w.T
+    lanes[at["max_abs_phi"], :count] = np.abs(states.phi).max(axis=1, initial=0.0)
+    lanes[at["phase"], :count] = states.phase
+    lanes[at["target"], :count] = states.target[each, scp]
+    lanes[at["ref_start"], :count] = states.ref_start
+    lanes[at["phase_time"], :count] = states.phase_time
+    lanes[at["grounded"], :count] = grounded.T
+    lanes[at["wheels"], :count] = table.wheels[modes].T
+    blocks[:] = lanes.reshape(kernel.n_rows, len(blocks), kernel.lanes).transpose(1, 0, 2)
+    kernel.run(blocks, constants_of(params), clock)
+    lanes = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, :count]
+    outputs = ("phi", "w", "u", "integral", "duration", "violation", "d2_min", "max_abs_phi")
+    return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}
 
 
 def _float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
@@ -385,14 +366,12 @@ def _float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
     grounded = ~table.lifted[index]
     grounded[state.phase - 1] = False
 
-    def floats(values: Sequence[float] | FloatArray) -> list[float]:
+    def floats(values: FloatArray | IntArray | NDArray[np.bool_]) -> list[Scalar]:
         return [float(value) for value in values]
 
-    lifted = int(table.n_lifted[index])
-    assert layout(params.n_joints, lifted)  # the same fields as the kernel's lanes
     return Lane(
-        phi=list(floats(state.phi)),
-        w=list(floats(state.w)),
+        phi=floats(state.phi),
+        w=floats(state.w),
         u=[0.0] * params.n_joints,
         integral=0.0,
         duration=0.0,
@@ -403,6 +382,6 @@ def _float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
         target=float(state.target[state.phase - 1]),
         ref_start=float(state.ref_start),
         phase_time=float(state.phase_time),
-        grounded=list(floats(grounded)),
-        wheels=list(floats(table.wheels[index, :lifted])),
+        grounded=floats(grounded),
+        wheels=floats(table.wheels[index]),
     )

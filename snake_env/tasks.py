@@ -1,0 +1,148 @@
+"""Tasks: pairs of an initial and a target shape, from named suites, seeds or files."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.kinematics import d_min
+from snake_env.params import SnakeParams
+from snake_env.state import FloatArray, SnakeState, checked_shape
+
+# Simulation 1 of the paper, section V. Its -1.57 rad is within the limit of pi/2.
+_SIM_1 = (
+    (0.63, -0.44, -1.57, -0.36, -0.57, -0.34, -1.00, -0.91),
+    (0.29, 0.30, -1.02, 1.36, -1.39, -0.94, 0.025, 0.81),
+)
+SUITES = {
+    "paper-500": "500 random tasks as in section V of the paper: random:500:0, frozen",
+    "sim-1": "simulation number 1 of the paper, Fig. 5",
+    "random:N[:SEED]": "N random tasks from a seed (default 0)",
+    "FILE.npz": "your own: arrays phi0 (N, n) and target (N, n) [rad]",
+}
+
+
+@dataclass(frozen=True)
+class TaskSuite:
+    """Tasks to evaluate on.
+
+    Attributes:
+        name: The name that :func:`load_tasks` was given.
+        phi0: Initial shapes, shape (N, n) [rad].
+        target: Target shapes, shape (N, n) [rad].
+    """
+
+    name: str
+    phi0: FloatArray
+    target: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.phi0)
+
+    def initial(self, task: int, params: SnakeParams) -> SnakeState:
+        """The state in which a task begins."""
+        return SnakeState.initial(self.phi0[task], self.target[task], params)
+
+
+def random_shape(rng: np.random.Generator, params: SnakeParams) -> FloatArray:
+    """A shape as in section V: uniform within the joint limits, drawn again where it self-collides.
+
+    Args:
+        rng: Where the randomness comes from.
+        params: The constants.
+
+    Returns:
+        Joint angles, shape (n,) [rad], with d_min >= 2 l.
+    """
+    while True:
+        phi = rng.uniform(-params.phi_limit, params.phi_limit, params.n_joints)
+        if d_min(phi.tolist(), params.l) >= params.d_collision:
+            return phi
+
+
+def random_task(rng: np.random.Generator, params: SnakeParams) -> tuple[FloatArray, FloatArray]:
+    """A random task: initial and target shape, shapes (n,) [rad]."""
+    return random_shape(rng, params), random_shape(rng, params)
+
+
+def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = None) -> TaskSuite:
+    """Random tasks, each from a stream of its own: task k of a seed is the same in any suite size.
+
+    Args:
+        count: Number of tasks.
+        seed: Non-negative seed of the suite.
+        params: The constants; shapes depend on ``n_joints``, ``l`` and ``phi_limit``.
+        name: Name of the suite.
+    """
+    tasks = [random_task(np.random.default_rng((seed, task)), params) for task in range(count)]
+    shape = (count, params.n_joints)
+    return TaskSuite(
+        name=name or f"random:{count}:{seed}",
+        phi0=np.array([phi0 for phi0, _ in tasks]).reshape(shape),
+        target=np.array([target for _, target in tasks]).reshape(shape),
+    )
+
+
+def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
+    """The tasks of a suite: ``paper-500``, ``sim-1``, ``random:N[:SEED]`` or an ``.npz`` file.
+
+    Args:
+        name: The suite's name, or the file's path. A file holds ``phi0`` and ``target``, both of
+            shape (N, n) [rad]; it is read without pickle.
+        params: The constants.
+
+    Raises:
+        UnknownNameError: No such suite.
+        InvalidInputError: A malformed file or a bad task; the message names the row.
+    """
+    text = str(name)
+    if text == "paper-500":
+        return random_suite(500, 0, params, text)
+    if text == "sim-1":
+        if params.n_joints != len(_SIM_1[0]):
+            raise InvalidInputError("n_joints", params.n_joints, "8 for the suite sim-1")
+        return TaskSuite(text, np.array(_SIM_1[:1]), np.array(_SIM_1[1:]))
+    if text.startswith("random:"):
+        match = re.fullmatch(r"random:(\d{1,9})(?::(\d{1,18}))?", text)
+        if match is None or int(match[1]) == 0:
+            raise InvalidInputError("tasks", text, "random:N or random:N:SEED, with N at least 1")
+        return random_suite(int(match[1]), int(match[2] or 0), params, text)
+    if text.endswith(".npz"):
+        return _read_tasks(Path(text), params)
+    raise UnknownNameError("task suite", text, SUITES)
+
+
+def _read_tasks(path: Path, params: SnakeParams) -> TaskSuite:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: np.asarray(file[key]) for key in file.files}
+    except FileNotFoundError:
+        raise InvalidInputError("tasks", str(path), "a file that exists") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        reason = "pickled objects are never read" if "pickle" in str(error).lower() else error
+        raise InvalidInputError("tasks", str(path), f"an .npz file of arrays ({reason})") from None
+    for key in ("phi0", "target"):
+        if key not in arrays:
+            raise InvalidInputError(
+                f"tasks {path}", sorted(arrays), f"an array {key} of shape (N, {params.n_joints})"
+            )
+        array = arrays[key]
+        if array.ndim != 2 or array.shape[1] != params.n_joints or array.dtype.kind not in "fiu":
+            raise InvalidInputError(
+                f"{key} in {path}",
+                f"{array.dtype} {array.shape}",
+                f"numbers of shape (N, {params.n_joints})",
+            )
+    if len(arrays["phi0"]) != len(arrays["target"]) or len(arrays["phi0"]) == 0:
+        rows = (len(arrays["phi0"]), len(arrays["target"]))
+        raise InvalidInputError(f"rows of phi0, target in {path}", rows, "as many of each, at least 1")
+    shapes = {
+        key: [checked_shape(f"{key}[{row}]", values, params) for row, values in enumerate(arrays[key])]
+        for key in ("phi0", "target")
+    }
+    return TaskSuite(str(path), np.array(shapes["phi0"]), np.array(shapes["target"]))
