@@ -1,0 +1,66 @@
+"""snake-mode-env: learn which wheels a snake robot lifts.
+
+The physics: :class:`SnakeParams`, :class:`SnakeState`, :class:`ModeTable`, :func:`predict`,
+:func:`advance`. The baseline: :class:`AnalyticOptimizer`. The environment:
+``gymnasium.make("snake_env:SnakeModeSelection-v0")``. Anything that chooses modes: :func:`load_policy`.
+"""
+
+import gymnasium
+
+from snake_env.errors import (
+    InvalidInputError,
+    InvalidModeError,
+    MissingDependencyError,
+    SnakeEnvError,
+    UnknownNameError,
+)
+from snake_env.kernel import set_num_threads
+from snake_env.modes import ModeTable
+from snake_env.optimizer import AnalyticOptimizer, Selection
+from snake_env.params import SnakeParams
+from snake_env.policies import Policy, load_policy
+from snake_env.simulation import (
+    Prediction,
+    Trajectory,
+    advance,
+    advance_batch,
+    cost,
+    joint_input,
+    predict,
+    predict_batch,
+    trajectory,
+)
+from snake_env.state import SnakeState, StateBatch
+from snake_env.tasks import TaskSuite, load_tasks
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AnalyticOptimizer",
+    "InvalidInputError",
+    "InvalidModeError",
+    "MissingDependencyError",
+    "ModeTable",
+    "Policy",
+    "Prediction",
+    "Selection",
+    "SnakeEnvError",
+    "SnakeParams",
+    "SnakeState",
+    "StateBatch",
+    "TaskSuite",
+    "Trajectory",
+    "UnknownNameError",
+    "advance",
+    "advance_batch",
+    "cost",
+    "joint_input",
+    "load_policy",
+    "load_tasks",
+    "predict",
+    "predict_batch",
+    "set_num_threads",
+    "trajectory",
+]
+
+gymnasium.register(id="SnakeModeSelection-v0", entry_point="snake_env.env:SnakeModeSelectionEnv")

@@ -47,43 +47,45 @@ def emit(loop: Trace, last: Trace, rows: int, running: int, clock_width: int, la
         lanes: Lanes in a block.
     """
     vector = f"<{lanes} x double>"
-    return "\n".join((
-        f"declare {vector} @llvm.sqrt.v{lanes}f64({vector})",
-        f"declare {vector} @llvm.fabs.v{lanes}f64({vector})",
-        "define void @run(ptr noalias %blocks, ptr noalias %shared, ptr noalias %clock,",
-        "                 i64 %n_steps, i64 %n_blocks)",
-        '    nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" {',
-        "entry:",
-        "  %moves = icmp ugt i64 %n_steps, 0",
-        "  br label %block",
-        "block:",
-        "  %b = phi i64 [0, %entry], [%b.next, %last]",
-        f"  %b.offset = mul i64 %b, {rows * lanes}",
-        "  %lanes = getelementptr double, ptr %blocks, i64 %b.offset",
-        "  br i1 %moves, label %loop, label %last",
-        "loop:",
-        "  %s = phi i64 [0, %block], [%s.next, %loop]",
-        f"  %s.offset = mul i64 %s, {clock_width}",
-        "  %now = getelementptr double, ptr %clock, i64 %s.offset",
-        *_straight_line(loop, "a", lanes),
-        f"  %running.p = getelementptr double, ptr %lanes, i64 {running * lanes}",
-        f"  %running.v = load {vector}, ptr %running.p, align 64",
-        f"  %running = fcmp oeq {vector} %running.v, zeroinitializer",
-        f"  %running.bits = bitcast <{lanes} x i1> %running to i{lanes}",
-        f"  %any = icmp ne i{lanes} %running.bits, 0",
-        "  %s.next = add i64 %s, 1",
-        "  %more = icmp ult i64 %s.next, %n_steps",
-        "  %again = and i1 %any, %more",
-        "  br i1 %again, label %loop, label %last",
-        "last:",
-        *_straight_line(last, "z", lanes),
-        "  %b.next = add i64 %b, 1",
-        "  %left = icmp ult i64 %b.next, %n_blocks",
-        "  br i1 %left, label %block, label %exit",
-        "exit:",
-        "  ret void",
-        "}",
-    ))
+    return "\n".join(
+        (
+            f"declare {vector} @llvm.sqrt.v{lanes}f64({vector})",
+            f"declare {vector} @llvm.fabs.v{lanes}f64({vector})",
+            "define void @run(ptr noalias %blocks, ptr noalias %shared, ptr noalias %clock,",
+            "                 i64 %n_steps, i64 %n_blocks)",
+            '    nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" {',
+            "entry:",
+            "  %moves = icmp ugt i64 %n_steps, 0",
+            "  br label %block",
+            "block:",
+            "  %b = phi i64 [0, %entry], [%b.next, %last]",
+            f"  %b.offset = mul i64 %b, {rows * lanes}",
+            "  %lanes = getelementptr double, ptr %blocks, i64 %b.offset",
+            "  br i1 %moves, label %loop, label %last",
+            "loop:",
+            "  %s = phi i64 [0, %block], [%s.next, %loop]",
+            f"  %s.offset = mul i64 %s, {clock_width}",
+            "  %now = getelementptr double, ptr %clock, i64 %s.offset",
+            *_straight_line(loop, "a", lanes),
+            f"  %running.p = getelementptr double, ptr %lanes, i64 {running * lanes}",
+            f"  %running.v = load {vector}, ptr %running.p, align 64",
+            f"  %running = fcmp oeq {vector} %running.v, zeroinitializer",
+            f"  %running.bits = bitcast <{lanes} x i1> %running to i{lanes}",
+            f"  %any = icmp ne i{lanes} %running.bits, 0",
+            "  %s.next = add i64 %s, 1",
+            "  %more = icmp ult i64 %s.next, %n_steps",
+            "  %again = and i1 %any, %more",
+            "  br i1 %again, label %loop, label %last",
+            "last:",
+            *_straight_line(last, "z", lanes),
+            "  %b.next = add i64 %b, 1",
+            "  %left = icmp ult i64 %b.next, %n_blocks",
+            "  br i1 %left, label %block, label %exit",
+            "exit:",
+            "  ret void",
+            "}",
+        )
+    )
 
 
 def _number(value: float) -> str:
@@ -105,12 +107,14 @@ def _straight_line(trace: Trace, prefix: str, lanes: int) -> list[str]:
 
     def scalar(result: str, base: str, row: int) -> None:
         splat = f"<{lanes} x i32> zeroinitializer"
-        lines.extend((
-            f"  {result}.p = getelementptr double, ptr {base}, i64 {row}",
-            f"  {result}.s = load double, ptr {result}.p, align 8",
-            f"  {result}.i = insertelement {vector} poison, double {result}.s, i64 0",
-            f"  {result} = shufflevector {vector} {result}.i, {vector} poison, {splat}",
-        ))
+        lines.extend(
+            (
+                f"  {result}.p = getelementptr double, ptr {base}, i64 {row}",
+                f"  {result}.s = load double, ptr {result}.p, align 8",
+                f"  {result}.i = insertelement {vector} poison, double {result}.s, i64 0",
+                f"  {result} = shufflevector {vector} {result}.i, {vector} poison, {splat}",
+            )
+        )
 
     for position, operation in enumerate(trace.operations):
         result = f"%{prefix}{position}"
@@ -125,7 +129,9 @@ def _straight_line(trace: Trace, prefix: str, lanes: int) -> list[str]:
         elif kind in ("shared", "clock"):
             scalar(result, "%shared" if kind == "shared" else "%now", int(operands[0]))
         else:
-            lines.append(f"  {result} = " + _instruction(operation, name, vector, mask, ones, lanes))
+            lines.append(
+                f"  {result} = " + _instruction(operation, name, vector, mask, ones, lanes)
+            )
     for row, position in trace.stores:
         pointer = f"%{prefix}store{row}"
         lines.append(f"  {pointer} = getelementptr double, ptr %lanes, i64 {row * lanes}")

@@ -17,7 +17,6 @@ from snake_env.scalars import (
     Bool,
     Scalar,
     absolute,
-
     dot,
     maximum,
     minimum,
@@ -93,7 +92,10 @@ def reference(start: Scalar, target: Scalar, time_in_phase: Scalar, p: SnakePara
 
 
 def null_space_input(
-    body: Body, l: Scalar, columns: Sequence[Sequence[Bool]], gradient: Sequence[Scalar]  # noqa: E741
+    body: Body,
+    l: Scalar,  # noqa: E741
+    columns: Sequence[Sequence[Bool]],
+    gradient: Sequence[Scalar],
 ) -> list[Scalar]:
     """``(I - B~^+ B~) eta`` of (11): the gradient's projection on the null space of B-tilde.
 
@@ -169,9 +171,7 @@ def limited_input(
     """
     k_t = tracking_gain(limit_margin(phi, rear, p), p)
     # (10) with (17) and (27): the wanted velocity is -k_t K' (w-tilde - w-tilde_d).
-    vx, vy, turning = (
-        -(k_t * p.gains[axis]) * (w[axis] - p.w_d[axis]) for axis in range(3)
-    )
+    vx, vy, turning = (-(k_t * p.gains[axis]) * (w[axis] - p.w_d[axis]) for axis in range(3))
     scp_angle = total([select(mark, angle, 0.0) for mark, angle in zip(scp, phi, strict=True)])
     scp_rate = -(k_t * p.gains[3]) * (scp_angle - scp_reference)
     sine, cosine = sin_cos(w[2])
@@ -181,5 +181,3 @@ def limited_input(
     u = [tracking - k_eta * ker for tracking, ker in zip(u_t, u_ker, strict=True)]  # (9), (11)
     k_u = input_scale(u, p)
     return [k_u * rate for rate in u], [k_u * vx, k_u * vy, k_u * turning]  # (29)
-
-

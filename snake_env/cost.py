@@ -27,9 +27,7 @@ def limit_cost(
     return total(terms), gradient
 
 
-def collision_cost(
-    body: Body, rear: Sequence[Bool], p: SnakeParams
-) -> tuple[Scalar, list[Scalar]]:
+def collision_cost(body: Body, rear: Sequence[Bool], p: SnakeParams) -> tuple[Scalar, list[Scalar]]:
     """V_c of (19): cubes of how much closer than d_0 links come; with its gradient (n values)."""
     n = body.n_joints
     terms: list[Scalar] = []
@@ -133,7 +131,5 @@ def cost_and_gradient(
         (p.a_s, singularity_cost(body, grounded, p)),
     )
     value = total([weight * v for weight, (v, _) in weighted])
-    gradient = [
-        total([weight * g[m] for weight, (_, g) in weighted]) for m in range(body.n_joints)
-    ]
+    gradient = [total([weight * g[m] for weight, (_, g) in weighted]) for m in range(body.n_joints)]
     return value, gradient

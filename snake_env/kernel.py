@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -128,7 +129,9 @@ def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
     v, _, lane.u, w_rate = cost_and_input(lane, body, t, k_eta, p)
     lane.integral = select(running, lane.integral + v * p.dt, lane.integral)
     lane.duration = select(running, lane.duration + p.dt, lane.duration)
-    lane.phi = [select(running, x + p.dt * rate, x) for x, rate in zip(lane.phi, lane.u, strict=True)]
+    lane.phi = [
+        select(running, x + p.dt * rate, x) for x, rate in zip(lane.phi, lane.u, strict=True)
+    ]
     lane.w = [select(running, x + p.dt * rate, x) for x, rate in zip(lane.w, w_rate, strict=True)]
     largest = functools.reduce(maximum, [absolute(x) for x in lane.phi])
     lane.max_abs_phi = maximum(largest, lane.max_abs_phi)
@@ -215,7 +218,7 @@ class Kernel:
             part(0, n_blocks)
             return
         edges = [n_blocks * k // n_threads for k in range(n_threads + 1)]
-        tasks = [(first, stop - first) for first, stop in zip(edges, edges[1:], strict=False)]
+        tasks = [(first, stop - first) for first, stop in itertools.pairwise(edges)]
         list(_threads.pool().map(part, *zip(*tasks, strict=True)))
 
 
@@ -251,7 +254,7 @@ def set_num_threads(count: int) -> None:
     _threads.resize(count)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def get_kernel(n_joints: int, head_contact: bool, lanes: int = LANES) -> Kernel:
     """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
     return Kernel(n_joints, head_contact, lanes)

@@ -91,13 +91,16 @@ def centre_of_gravity(body: Body) -> Point:
     )
 
 
-def d_min(phi: Sequence[float], l: float) -> float:  # noqa: E741
+def d_min(phi: NDArray[np.float64], l: float) -> float:  # noqa: E741
     """Least distance [m] between links that could collide, for joint angles ``phi`` (n,) [rad]."""
-    return float(sqrt(least_squared_distance(locate([float(angle) for angle in phi], l))))
+    distance = sqrt(least_squared_distance(locate(phi.tolist(), l)))
+    assert isinstance(distance, float)
+    return distance
 
 
 def to_world(points: Sequence[Point], w: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points of the head's frame, (k, 2) [m], placed by the head's pose ``w`` (3,) [m, m, rad]."""
-    local = np.asarray(points, dtype=np.float64)
+    local = np.array(points, dtype=np.float64).reshape(-1, 2)
     cosine, sine = np.cos(w[2]), np.sin(w[2])
-    return local @ np.array([[cosine, sine], [-sine, cosine]]) + w[:2]
+    placed: NDArray[np.float64] = local @ np.array([[cosine, sine], [-sine, cosine]]) + w[:2]
+    return placed

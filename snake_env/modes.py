@@ -124,7 +124,7 @@ class ModeTable:
         return index
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def mode_table(n_joints: int) -> ModeTable:
     """The shared, immutable table for ``n_joints``."""
     return ModeTable(n_joints)

@@ -48,9 +48,7 @@ class AnalyticOptimizer:
         InvalidInputError: ``candidates`` has a wrong shape or leaves a phase without a mode.
     """
 
-    def __init__(
-        self, params: SnakeParams, candidates: NDArray[np.bool_] | None = None
-    ) -> None:
+    def __init__(self, params: SnakeParams, candidates: NDArray[np.bool_] | None = None) -> None:
         self.params = params
         table = mode_table(params.n_joints)
         phases = range(1, params.n_joints + 1)
@@ -63,7 +61,9 @@ class AnalyticOptimizer:
         self._modes = {p: np.flatnonzero(mask) for p, mask in zip(phases, masks, strict=True)}
         for phase, modes in self._modes.items():
             if len(modes) == 0:
-                raise InvalidInputError("candidates", phase, "at least one valid mode in each phase")
+                raise InvalidInputError(
+                    "candidates", phase, "at least one valid mode in each phase"
+                )
 
     def modes(self, phase: int) -> IntArray:
         """The candidates in a phase, in rising order."""

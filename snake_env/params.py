@@ -109,8 +109,13 @@ class SnakeParams:
 
     @property
     def d_collision(self) -> float:
-        """Distance [m] of two link centres under which they count as colliding: 2 l."""
+        """Least d_min [m] of an initial or target shape: 2 l, so that no links can overlap."""
         return 2.0 * self.l
+
+    @property
+    def d_touch(self) -> float:
+        """d_min [m] under which moving links touch for certain: a link is as wide as its axle."""
+        return self.track
 
     @property
     def horizon_s(self) -> float:

@@ -30,7 +30,7 @@ def sqrt(x: Scalar) -> Scalar:
 
 def absolute(x: Scalar) -> Scalar:
     """Absolute value."""
-    return abs(x)
+    return abs(x) if isinstance(x, float) else x.absolute()
 
 
 def select(condition: Bool, if_true: Scalar, if_false: Scalar) -> Scalar:
@@ -112,5 +112,3 @@ def sin_cos(x: Scalar) -> tuple[Scalar, Scalar]:
         select(sin_negative, -sin_value, sin_value),
         select(cos_negative, -cos_value, cos_value),
     )
-
-

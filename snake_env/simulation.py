@@ -142,7 +142,9 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
     )
 
 
-def instantly_stable(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> NDArray[np.bool_]:
+def instantly_stable(
+    states: StateBatch, modes: ArrayLike, params: SnakeParams
+) -> NDArray[np.bool_]:
     """Whether (22) holds at t_k already, for many states with one mode each: the instant mask.
 
     Args:
@@ -160,9 +162,7 @@ def instantly_stable(states: StateBatch, modes: ArrayLike, params: SnakeParams) 
     return stable
 
 
-def advance(
-    state: SnakeState, mode: int, params: SnakeParams
-) -> tuple[SnakeState, Prediction]:
+def advance(state: SnakeState, mode: int, params: SnakeParams) -> tuple[SnakeState, Prediction]:
     """Executes a mode for one interval and shifts the phase where (18) holds.
 
     Args:
@@ -208,9 +208,7 @@ def successors(states: StateBatch, prediction: Prediction, params: SnakeParams) 
     )
 
 
-def trajectories(
-    states: StateBatch, modes: ArrayLike, params: SnakeParams
-) -> list[Trajectory]:
+def trajectories(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> list[Trajectory]:
     """The motion of many states through one interval, with one mode each, sub-step by sub-step."""
     chosen = _checked_modes(modes)
     _check_states(states, chosen, params)
@@ -269,7 +267,7 @@ def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> 
     """
     if not 0.0 <= t <= params.delta_t:
         raise InvalidInputError("t", t, f"a time from 0 to delta_t = {params.delta_t} s")
-    lane = _float_lane(state, mode, params)
+    lane = float_lane(state, mode, params)
     k_eta = redundancy_gain(float(t), params)
     _, _, u, _ = cost_and_input(lane, locate(lane.phi, params.l), float(t), k_eta, params)
     return np.array(u, dtype=np.float64)
@@ -289,7 +287,7 @@ def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, Floa
     Raises:
         InvalidModeError: The mode is out of range or not valid in the phase.
     """
-    lane = _float_lane(state, mode, params)
+    lane = float_lane(state, mode, params)
     v, gradient, _, _ = cost_and_input(lane, locate(lane.phi, params.l), 0.0, 0.0, params)
     assert isinstance(v, float)
     return v, np.array(gradient, dtype=np.float64)
@@ -316,12 +314,16 @@ def _check_states(states: StateBatch, modes: IntArray, params: SnakeParams) -> N
     for name in ("w", "phi", "target", "phase_time", "ref_start"):
         value = getattr(states, name)
         if not np.isfinite(value).all():
-            raise InvalidInputError(f"state.{name}", value[~np.isfinite(value)][0], "finite numbers")
+            raise InvalidInputError(
+                f"state.{name}", value[~np.isfinite(value)][0], "finite numbers"
+            )
     table = mode_table(n)
     if states.phase.min() < 1 or states.phase.max() > n + 1:
         raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
     in_range = (modes >= 0) & (modes < len(table))
-    valid = in_range & table.masks(states.phase)[np.arange(len(modes)), np.where(in_range, modes, 0)]
+    valid = (
+        in_range & table.masks(states.phase)[np.arange(len(modes)), np.where(in_range, modes, 0)]
+    )
     if not valid.all():
         first = int(np.argmin(valid))
         table.check(int(modes[first]), int(states.phase[first]))
@@ -357,8 +359,8 @@ def _run(
     return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}
 
 
-def _float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
-    """The state with the mode as a lane of plain floats."""
+def float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
+    """A state with a mode as a lane of plain floats, on which the equations run as they stand."""
     table = mode_table(params.n_joints)
     batch = StateBatch.stack([state])
     index = table.check(mode, state.phase)

@@ -130,9 +130,7 @@ class StateBatch:
         """The states at the given positions, in their order; an index may come many times."""
         chosen = np.asarray(indices, dtype=np.intp)
         return StateBatch(
-            **{
-                field.name: getattr(self, field.name)[chosen] for field in dataclasses.fields(self)
-            }
+            **{field.name: getattr(self, field.name)[chosen] for field in dataclasses.fields(self)}
         )
 
 

@@ -61,7 +61,7 @@ def random_shape(rng: np.random.Generator, params: SnakeParams) -> FloatArray:
     """
     while True:
         phi = rng.uniform(-params.phi_limit, params.phi_limit, params.n_joints)
-        if d_min(phi.tolist(), params.l) >= params.d_collision:
+        if d_min(phi, params.l) >= params.d_collision:
             return phi
 
 
@@ -140,9 +140,13 @@ def _read_tasks(path: Path, params: SnakeParams) -> TaskSuite:
             )
     if len(arrays["phi0"]) != len(arrays["target"]) or len(arrays["phi0"]) == 0:
         rows = (len(arrays["phi0"]), len(arrays["target"]))
-        raise InvalidInputError(f"rows of phi0, target in {path}", rows, "as many of each, at least 1")
+        raise InvalidInputError(
+            f"rows of phi0, target in {path}", rows, "as many of each, at least 1"
+        )
     shapes = {
-        key: [checked_shape(f"{key}[{row}]", values, params) for row, values in enumerate(arrays[key])]
+        key: [
+            checked_shape(f"{key}[{row}]", values, params) for row, values in enumerate(arrays[key])
+        ]
         for key in ("phi0", "target")
     }
     return TaskSuite(str(path), np.array(shapes["phi0"]), np.array(shapes["target"]))

@@ -104,7 +104,8 @@ class Traced:
     def __neg__(self) -> Traced:
         return Traced(self.trace, self.trace.record("fneg", self.position))
 
-    def __abs__(self) -> Traced:
+    def absolute(self) -> Traced:
+        """Absolute value."""
         return Traced(self.trace, self.trace.record("fabs", self.position))
 
     def sqrt(self) -> Traced:

@@ -1,0 +1,54 @@
+# Everything runs in .venv, made from the committed lock. Needed: Python 3.11 and make.
+
+PYTHON ?= python3.11
+DEMO_ARGS ?= analytic analytic-14 first-feasible random skid --tasks paper-500 --out report --overwrite
+
+LOCK := requirements/lock.txt
+RUN := .venv/bin/python
+INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check -c $(LOCK)
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help setup demo test check bench clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: .venv/.dev ## install everything into .venv (the other targets install what they need)
+
+demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, pictures and data in report/
+	@$(RUN) -m evaluate $(DEMO_ARGS)
+
+test: .venv/.dev ## every test
+	@$(RUN) -m pytest -q
+
+check: .venv/.dev ## format, lint, types
+	@$(RUN) -m ruff format --check .
+	@$(RUN) -m ruff check .
+	@$(RUN) -m mypy
+
+bench: .venv/.demo ## measure speed
+	@$(RUN) -m evaluate.bench
+
+clean: ## remove .venv, caches and builds; keep report/ and runs/
+	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps are touched last, so an interrupted installation is taken up again.
+.venv/.made:
+	@command -v "$(PYTHON)" >/dev/null || { echo "no $(PYTHON) found: install Python 3.11," \
+		"or name yours: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
+	@echo "setting up .venv, once ..."
+	@"$(PYTHON)" -m venv .venv
+	@touch $@
+
+.venv/.demo: pyproject.toml $(LOCK) | .venv/.made
+	@echo "installing what the demo needs into .venv, once (a minute or so) ..."
+	@$(INSTALL) -e ".[evaluate]"
+	@touch $@
+
+.venv/.dev: pyproject.toml $(LOCK) | .venv/.made
+	@echo "installing everything into .venv, once (PyTorch is large: minutes) ..."
+	@$(INSTALL) -e ".[dev]"
+	@touch .venv/.demo $@

@@ -1,0 +1,1 @@
+"""How each agent is made: builders, defaults and recipes."""

@@ -1,0 +1,1 @@
+"""``python -m evaluate``: runs policies on the same tasks and compares them."""

@@ -1,0 +1,165 @@
+"""Command line: ``python -m evaluate POLICY... [--tasks ...] [--out DIR]``."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import platform
+import shlex
+import signal
+import sys
+import time
+from collections.abc import Iterable
+from importlib.metadata import version
+from typing import Any
+
+import joblib
+import tyro
+from rich.console import Console
+
+from evaluate.options import Options
+from evaluate.progress import progress
+from evaluate.protocol import Shard, check_policy, run_shard
+from evaluate.statistics import summarise
+from evaluate.store import Store
+from evaluate.table import failure_lines, result_table
+from snake_env.errors import MissingDependencyError, SnakeEnvError
+from snake_env.kernel import get_kernel
+from snake_env.tasks import TaskSuite, load_tasks
+
+_SHARD_TASKS = 10
+
+
+def main() -> int:
+    """Runs the command; its exit code."""
+    try:
+        options = tyro.cli(
+            Options,
+            prog="python -m evaluate",
+            description=Options.__doc__,
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+        return evaluate(options)
+    except SnakeEnvError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def evaluate(options: Options) -> int:
+    """Evaluates the policies and reports; the exit code: 0, or 130 when interrupted.
+
+    Raises:
+        SnakeEnvError: The options can't be used.
+    """
+    for name in options.policies:
+        check_policy(name, options.params)
+    suite = load_tasks(options.tasks, options.params)
+    config = {
+        "policies": list(options.policies),
+        "tasks": {
+            "name": suite.name,
+            "n": len(suite),
+            "hash": joblib.hash((suite.phi0, suite.target)),
+        },
+        "preset": options.preset,
+        "params": dataclasses.asdict(options.params),
+    }
+    store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
+    get_kernel(
+        options.params.n_joints, options.params.head_contact
+    )  # compiled once, before workers
+    console = Console(width=None if sys.stdout.isatty() else 190, highlight=False)
+    shards = [shard for name in options.policies for shard in _shards(name, suite, options)]
+    shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    began = time.monotonic()
+    complete = True
+    try:
+        _run(shards, store, options, console)
+    except KeyboardInterrupt:
+        complete = False
+    summary = _summary(options, config, store)
+    store.write(options.policies, summary, complete=complete)
+    if not complete:
+        done = sum(len(result.rows) for result in store.results.values())
+        where = f"{options.out}: --resume goes on from there" if options.out else "lost (no --out)"
+        print(f"interrupted: {done} finished episodes are in {where}", file=sys.stderr)
+        return 130
+    console.print(result_table(summary))
+    for line in failure_lines(summary):
+        console.print(line, soft_wrap=True)
+    for name in options.policies:
+        for row in [row for row in store.rows(name) if row["error"]][:1]:
+            console.print(f"{name} raised on task {row['task']}: {row['error']}", soft_wrap=True)
+    console.print(
+        f"{sum(len(s.tasks) for s in shards)} episodes in {time.monotonic() - began:.1f} s"
+    )
+    if options.out is not None:
+        if options.pictures:
+            from evaluate.pictures import draw_all  # matplotlib takes a while to import
+
+            draw_all(options.out, options.policies, store, options.params)
+        console.print(f"results: {options.out}/", soft_wrap=True)
+    return 0
+
+
+def _shards(policy: str, suite: TaskSuite, options: Options) -> Iterable[Shard]:
+    for first in range(0, len(suite), _SHARD_TASKS):
+        tasks = list(range(first, min(first + _SHARD_TASKS, len(suite))))
+        states = [suite.initial(task, options.params) for task in tasks]
+        yield Shard(policy, tasks, states, options.params)
+
+
+def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:
+    """Runs the shards on the workers; each is stored as it comes."""
+    if not shards:
+        return
+    n_jobs = min(joblib.cpu_count() if options.workers == -1 else options.workers, len(shards))
+    total = sum(len(shard.tasks) for shard in shards)
+    with (
+        joblib.parallel_config(**_backend(options.engine)),
+        progress(console, total, "episodes") as advance,
+    ):
+        parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)
+        jobs = (joblib.delayed(_keyed)(shard) for shard in shards)
+        for policy, first, result in parallel(jobs):
+            store.add((policy, first), result)
+            advance(policy, len(result.rows))
+
+
+def _keyed(shard: Shard) -> tuple[str, int, Any]:
+    return shard.policy, shard.tasks[0], run_shard(shard)
+
+
+def _backend(engine: str) -> dict[str, Any]:
+    if engine == "local":
+        return {"backend": "loky"}
+    try:
+        from ray.util.joblib import register_ray
+    except ImportError:
+        raise MissingDependencyError("--engine ray needs Ray: pip install ray") from None
+    register_ray()
+    return {"backend": "ray"}
+
+
+def _summary(options: Options, config: dict[str, Any], store: Store) -> dict[str, Any]:
+    policies = {}
+    for name in options.policies:
+        rows = store.rows(name)
+        if rows:
+            policies[name] = summarise(rows, store.latencies(name), options.params)
+    return {
+        "policies": policies,
+        **{key: config[key] for key in ("tasks", "preset", "params")},
+        "command": "python -m evaluate " + shlex.join(sys.argv[1:]),
+        "versions": {
+            "snake-mode-env": version("snake-mode-env"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+        },
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

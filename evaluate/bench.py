@@ -1,0 +1,212 @@
+"""Speed: ``make bench``. Ratios are measured side by side, in turns, in this one run."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from snake_env.compiler import CACHE_VARIABLE
+from snake_env.kernel import (
+    PADDING,
+    RUNNING,
+    Kernel,
+    clock_of,
+    constants_of,
+    get_kernel,
+    sub_step,
+)
+from snake_env.modes import mode_table
+from snake_env.optimizer import AnalyticOptimizer
+from snake_env.params import N_JOINTS_RANGE, SnakeParams
+from snake_env.simulation import float_lane, predict
+from snake_env.state import SnakeState
+from snake_env.tasks import load_tasks
+from tests import oracle
+
+_REPEATS = 15
+
+
+def main() -> None:
+    """Measures everything and prints it."""
+    console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+    console.print(
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, one thread used"
+    )
+    params = SnakeParams()
+    state = load_tasks("sim-1", params).initial(0, params)
+    for title, columns, rows in (
+        ("one decision of (21) in phase 1: 99 modes, 150 sub-steps each", *decision(state, params)),
+        ("the kernel against the same work done otherwise", *ratios(state, params)),
+        ("all modes of phase 1, by number of joints", *scaling()),
+        ("start", *start()),
+        ("python -m evaluate analytic --tasks paper-500", *experiment()),
+    ):
+        table = Table(title=title, title_justify="left", title_style="bold")
+        for column in columns:
+            table.add_column(column, justify="right" if column != columns[0] else "left")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+
+
+def timed(*functions: Callable[[], object], repeats: int = _REPEATS) -> list[list[float]]:
+    """Durations of each function [s], called in turns after a warm-up."""
+    durations: list[list[float]] = [[] for _ in functions]
+    for repeat in range(repeats + 1):
+        for function, kept in zip(functions, durations, strict=True):
+            began = time.perf_counter()
+            function()
+            if repeat > 0:
+                kept.append(time.perf_counter() - began)
+    return durations
+
+
+def _ms(seconds: list[float]) -> tuple[str, str]:
+    return f"{1e3 * min(seconds):.2f}", f"{1e3 * statistics.median(seconds):.2f}"
+
+
+def decision(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
+    """Time of a full decision, over several initial shapes."""
+    optimizer = AnalyticOptimizer(params)
+    suite = load_tasks("random:20:1", params)
+    states = [state, *(suite.initial(task, params) for task in range(len(suite)))]
+    (times,) = timed(lambda: [optimizer.select(s) for s in states])
+    each = [t / len(states) for t in times]
+    per_step = statistics.median(each) / len(mode_table(params.n_joints)) / params.n_steps
+    row = [*_ms(each), f"{1e9 * per_step:.0f}", f"{1 / statistics.median(each):.0f}"]
+    return ["min [ms]", "median [ms]", "ns per mode-sub-step", "decisions/s"], [row]
+
+
+def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
+    """The kernel on full blocks, lane by lane, in plain floats, and as NumPy transcription."""
+    modes = mode_table(params.n_joints).valid(1)[:96]
+    wide, narrow = get_kernel(8, True), get_kernel(8, True, 1)
+    constants, clock = constants_of(params), clock_of(params)
+
+    def run(kernel: Kernel) -> Callable[[], None]:
+        filled = filled_blocks(kernel, state, modes, params)
+
+        def function() -> None:
+            blocks = kernel.blocks(len(modes))
+            blocks[:] = filled
+            kernel.run(blocks, constants, clock)
+
+        return function
+
+    lifted = mode_table(8).lifted[modes[50]].copy()
+    lifted[0] = True
+    literal = oracle.Constants()
+
+    def transcription() -> None:
+        oracle.interval(
+            *(state.w, state.phi, state.target, 1, state.ref_start, 0.0, lifted, literal)
+        )
+
+    def floats() -> None:
+        lane = float_lane(state, int(modes[50]), params)
+        for t, k_eta in clock.tolist():
+            sub_step(lane, t, k_eta, params)
+
+    fast, slow, python, numpy_time = timed(run(wide), run(narrow), floats, transcription, repeats=5)
+    steps = params.n_steps
+    unit = [
+        statistics.median(fast) / len(modes) / steps,
+        statistics.median(slow) / len(modes) / steps,
+        statistics.median(python) / steps,
+        statistics.median(numpy_time) / steps,
+    ]
+    names = [
+        "kernel, blocks of 8 lanes",
+        "kernel, one lane at a time",
+        "the same equations on Python floats, mode by mode",
+        "literal NumPy transcription (pinv, finite differences), mode by mode",
+    ]
+    rows = [
+        [name, f"{1e9 * u:.0f}", f"{u / unit[0]:.1f}"] for name, u in zip(names, unit, strict=True)
+    ]
+    return ["", "ns per mode-sub-step", "times the kernel's"], rows
+
+
+def filled_blocks(
+    kernel: Kernel, state: SnakeState, modes: np.ndarray, params: SnakeParams
+) -> np.ndarray:
+    """A lane buffer with one state and many modes."""
+    blocks = kernel.blocks(len(modes))
+    blocks[:] = 0.0
+    blocks[:, kernel.rows["violation"]] = PADDING
+    for position, mode in enumerate(modes):
+        lane = float_lane(state, int(mode), params)
+        block, k = divmod(position, kernel.lanes)
+        for name, rows in kernel.rows.items():
+            blocks[block, rows, k] = getattr(lane, name)
+        blocks[block, kernel.rows["violation"], k] = RUNNING
+    return blocks
+
+
+def scaling() -> tuple[list[str], list[list[str]]]:
+    """Cost of predicting all modes of phase 1 for more and fewer joints."""
+    low, high = N_JOINTS_RANGE
+    rows = []
+    for n in range(low, high + 1):
+        params = SnakeParams(n_joints=n)
+        state = SnakeState.initial([0.3, -0.3] * (n // 2) + [0.3] * (n % 2), [0.2] * n, params)
+        modes = mode_table(n).valid(1)
+        (times,) = timed(
+            lambda s=state, m=modes, p=params: predict(s, m, p), repeats=2 if n > 12 else 5
+        )
+        each = min(times)
+        rows.append(
+            [str(n), str(len(modes)), f"{1e3 * each:.2f}", f"{1e9 * each / len(modes) / 150:.0f}"]
+        )
+    return ["n_joints", "modes", "all modes [ms]", "ns per mode-sub-step"], rows
+
+
+def start() -> tuple[list[str], list[list[str]]]:
+    """Import, first result with an empty and with a filled cache, each in a fresh process."""
+    first = (
+        "from snake_env import *; p = SnakeParams(); "
+        "AnalyticOptimizer(p).select(load_tasks('sim-1', p).initial(0, p))"
+    )
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        for name, code in (
+            ("python -c pass", "pass"),
+            ("import snake_env", "import snake_env"),
+            ("first decision, kernel compiled", first),
+            ("first decision, kernel from the cache", first),
+        ):
+            began = time.perf_counter()
+            subprocess.run(
+                [sys.executable, "-c", code],
+                env={**os.environ, CACHE_VARIABLE: cache},
+                check=True,
+                capture_output=True,
+            )
+            rows.append([name, f"{time.perf_counter() - began:.2f}"])
+    return ["fresh process", "wall [s]"], rows
+
+
+def experiment() -> tuple[list[str], list[list[str]]]:
+    """The paper's experiment as a user runs it, start of Python and workers included."""
+    rows = []
+    for workers in (1, os.cpu_count() or 1):
+        command = [sys.executable, "-m", "evaluate", "analytic", "--workers", str(workers)]
+        began = time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True)
+        elapsed = time.perf_counter() - began
+        rows.append([str(workers), f"{elapsed:.1f}", f"{500 / elapsed:.0f}"])
+    return ["workers", "wall [s]", "tasks/s"], rows
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""How an episode is run and measured, the same for every policy."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from snake_env.episode import Episode
+from snake_env.errors import UnknownNameError
+from snake_env.modes import mode_table
+from snake_env.params import SnakeParams
+from snake_env.policies import POLICIES, Policy, load_policy
+from snake_env.simulation import advance, predict
+from snake_env.skid import skid
+from snake_env.state import SnakeState
+
+SKID = "skid"
+"""Not a choice of modes, but evaluated on the same tasks."""
+
+Row = dict[str, Any]
+"""An episode as a row of ``episodes.csv``."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One policy's episodes on some tasks: the unit of work, the same for any number of workers.
+
+    Attributes:
+        policy: The policy's name.
+        tasks: Task ids.
+        states: Where each begins.
+        params: The constants.
+    """
+
+    policy: str
+    tasks: list[int]
+    states: list[SnakeState]
+    params: SnakeParams
+
+
+@dataclass(frozen=True)
+class ShardResult:
+    """What a shard's episodes gave.
+
+    Attributes:
+        rows: One row per task.
+        latencies_us: Duration of each decision [us].
+    """
+
+    rows: list[Row]
+    latencies_us: list[float]
+
+
+def check_policy(name: str, params: SnakeParams) -> None:
+    """Raises what :func:`snake_env.load_policy` would, before any work has been done."""
+    if name == SKID:
+        return
+    if name not in POLICIES:
+        raise UnknownNameError("policy", name, [*POLICIES, SKID])
+    load_policy(name, params)
+
+
+def run_shard(shard: Shard) -> ShardResult:
+    """Runs a shard's episodes in order."""
+    rows: list[Row] = []
+    latencies: list[float] = []
+    policy = None if shard.policy == SKID else load_policy(shard.policy, shard.params)
+    for task, state in zip(shard.tasks, shard.states, strict=True):
+        if policy is None:
+            summary, _ = skid(state, shard.params)
+            row = {**dataclasses.asdict(summary), "rollouts": 0, "modes": "", "error": ""}
+        else:
+            row = run_episode(policy, state, shard.params, task, latencies)
+        rows.append({"policy": shard.policy, "task": task, **row})
+    return ShardResult(rows, latencies)
+
+
+def run_episode(
+    policy: Policy, state: SnakeState, params: SnakeParams, seed: int, latencies: list[float]
+) -> Row:
+    """Runs one episode.
+
+    Args:
+        policy: Chooses the modes.
+        state: Where it begins.
+        params: The constants.
+        seed: For policies that draw random numbers: the task's id.
+        latencies: Takes the duration of each decision [us].
+
+    Returns:
+        The episode's figures. A policy that raises ends it with the outcome ``error``.
+    """
+    episode = Episode(state, params)
+    modes: list[int] = []
+    error = ""
+    rollouts_before = policy.rollouts
+    try:
+        policy.reset(seed)
+        while not episode.ended:
+            began = time.perf_counter_ns()
+            mode = policy.select_mode(state)
+            latencies.append((time.perf_counter_ns() - began) / 1e3)
+            after, prediction = advance(state, mode, params)
+            if prediction.violation[0] and not any_feasible(state, params):
+                episode.outcome = "deadlock"
+                break
+            modes.append(mode)
+            episode.record(after, prediction)
+            state = after
+    except Exception as problem:
+        episode.outcome = "error"
+        error = f"{type(problem).__name__}: {problem}"
+    return {
+        **dataclasses.asdict(episode.summary()),
+        "rollouts": policy.rollouts - rollouts_before,
+        "modes": " ".join(map(str, modes)),
+        "error": error,
+    }
+
+
+def any_feasible(state: SnakeState, params: SnakeParams) -> bool:
+    """Whether some mode can be executed in this state without a violation."""
+    modes = mode_table(params.n_joints).valid(state.phase)
+    return bool(np.any(predict(state, modes, params).feasible))

@@ -1,0 +1,130 @@
+"""The result folder: finished shards as they come, then ``episodes.csv`` and ``summary.json``.
+
+Every shard is appended to ``episodes.partial.jsonl`` as one line when it is done. A killed run leaves
+at worst one torn last line there, which is dropped when the run is resumed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from evaluate.protocol import Row, ShardResult
+from snake_env.errors import InvalidInputError
+
+Key = tuple[str, int]
+"""A shard: its policy and its first task."""
+
+
+class Store:
+    """Results of a run, in memory and (if there is a folder) on disk.
+
+    Args:
+        folder: Where results go; None: nowhere.
+        config: What decides the results; a resumed run must have the same.
+        overwrite: Whether results that are there already may go.
+        resume: Whether to go on with an interrupted run.
+
+    Raises:
+        InvalidInputError: The folder can't be written, holds results, or a run with another config.
+    """
+
+    def __init__(
+        self, folder: Path | None, config: dict[str, Any], *, overwrite: bool, resume: bool
+    ) -> None:
+        self.folder = folder
+        self.results: dict[Key, ShardResult] = {}
+        if folder is None:
+            return
+        self._partial = folder / "episodes.partial.jsonl"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise InvalidInputError(
+                "out", str(folder), f"a folder to write to ({error.strerror})"
+            ) from None
+        header = json.dumps({"config": config})
+        if resume:
+            self._read(header)
+            return
+        if any(folder.iterdir()) and not overwrite:
+            raise InvalidInputError(
+                "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
+            )
+        self._partial.write_text(header + "\n", encoding="utf-8")
+
+    def add(self, key: Key, result: ShardResult) -> None:
+        """Takes a finished shard."""
+        self.results[key] = result
+        if self.folder is not None:
+            with self._partial.open("a", encoding="utf-8") as file:
+                file.write(self._line(key, result) + "\n")
+
+    def rows(self, policy: str) -> list[Row]:
+        """A policy's rows so far, by task."""
+        keys = sorted(key for key in self.results if key[0] == policy)
+        return [row for key in keys for row in self.results[key].rows]
+
+    def latencies(self, policy: str) -> list[float]:
+        """Durations of a policy's decisions so far [us]."""
+        keys = sorted(key for key in self.results if key[0] == policy)
+        return [value for key in keys for value in self.results[key].latencies_us]
+
+    def write(self, policies: Iterable[str], summary: dict[str, Any], *, complete: bool) -> None:
+        """Writes ``episodes.csv`` and ``summary.json``; a complete run needs no shards any more."""
+        if self.folder is None:
+            return
+        rows = [row for policy in policies for row in self.rows(policy)]
+        text = io.StringIO()
+        if rows:
+            writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+        write_atomically(self.folder / "episodes.csv", text.getvalue())
+        write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        if complete:
+            self._partial.unlink(missing_ok=True)
+
+    @staticmethod
+    def _line(key: Key, result: ShardResult) -> str:
+        latencies = [round(value, 1) for value in result.latencies_us]
+        return json.dumps({"key": key, "rows": result.rows, "latencies_us": latencies})
+
+    def _read(self, header: str) -> None:
+        try:
+            lines = self._partial.read_text(encoding="utf-8").splitlines()
+        except OSError:
+            raise InvalidInputError(
+                "resume", str(self.folder), "a folder with an interrupted run"
+            ) from None
+        if not lines or lines[0] != header:
+            raise InvalidInputError(
+                "resume", str(self.folder), "a run with the same policies, tasks and constants"
+            )
+        for line in lines[1:]:
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                continue  # the line that a kill tore off
+            policy, first = entry["key"]
+            self.results[policy, first] = ShardResult(entry["rows"], entry["latencies_us"])
+        kept = [header, *(self._line(key, result) for key, result in self.results.items())]
+        write_atomically(self._partial, "\n".join(kept) + "\n")
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Writes a text file so that a reader sees the old one or the whole new one."""
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, encoding="utf-8", newline="", delete=False
+    ) as file:
+        file.write(text)
+    os.chmod(file.name, 0o644)
+    os.replace(file.name, path)
