@@ -15,13 +15,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from snake_env.blocks import clock_of, constants_of
 from snake_env.compiler import CACHE_VARIABLE
 from snake_env.kernel import (
     PADDING,
     RUNNING,
     Kernel,
-    clock_of,
-    constants_of,
     get_kernel,
     sub_step,
 )

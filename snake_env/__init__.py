@@ -7,6 +7,7 @@ The physics: :class:`SnakeParams`, :class:`SnakeState`, :class:`ModeTable`, :fun
 
 import gymnasium
 
+from snake_env.blocks import set_num_threads
 from snake_env.errors import (
     InvalidInputError,
     InvalidModeError,
@@ -14,7 +15,6 @@ from snake_env.errors import (
     SnakeEnvError,
     UnknownNameError,
 )
-from snake_env.kernel import set_num_threads
 from snake_env.modes import ModeTable
 from snake_env.optimizer import AnalyticOptimizer, Selection
 from snake_env.params import SnakeParams

@@ -157,8 +157,8 @@ def _instruction(
         return f"call {vector} @llvm.{kind}.v{lanes}f64({vector} {values[0]})"
     if kind in _COMPARISONS:
         return f"fcmp {kind} {vector} {values[0]}, {values[1]}"
-    if kind == "and":
-        return f"and {mask} {values[0]}, {values[1]}"
+    if kind in ("and", "or"):
+        return f"{kind} {mask} {values[0]}, {values[1]}"
     if kind == "not":
         return f"xor {mask} {values[0]}, {ones}"
     if kind == "select":

@@ -9,20 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from snake_env.compiler import BlockFunction, emit, load
-from snake_env.control import limited_input, redundancy_gain, reference
+from snake_env.blocks import LANES, BlockProgram, traced_params
+from snake_env.control import limited_input, reference
 from snake_env.cost import cost_and_gradient
-from snake_env.errors import InvalidInputError
 from snake_env.kinematics import Body, least_squared_distance, locate
 from snake_env.modes import MIN_GROUNDED
 from snake_env.params import SnakeParams
@@ -30,15 +22,7 @@ from snake_env.scalars import Bool, Scalar, absolute, both, maximum, minimum, ne
 from snake_env.stability import statically_stable
 from snake_env.tracing import Trace
 
-LANES = 8
 RUNNING, UNSTABLE, BEYOND_LIMIT, PADDING = 0.0, 1.0, 2.0, 3.0  # values of a lane's `violation`
-
-_FLOATS = [f.name for f in dataclasses.fields(SnakeParams) if isinstance(f.default, float)]
-_TUPLES = [
-    (f.name, len(f.default))
-    for f in dataclasses.fields(SnakeParams)
-    if isinstance(f.default, tuple)
-]
 
 
 @dataclass
@@ -139,7 +123,7 @@ def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
     lane.violation = select(both(running, negate(within)), BEYOND_LIMIT, lane.violation)
 
 
-class Kernel:
+class Kernel(BlockProgram):
     """The compiled kernel for a number of joints.
 
     Attributes:
@@ -150,33 +134,26 @@ class Kernel:
 
     def __init__(self, n_joints: int, head_contact: bool, lanes: int = LANES) -> None:
         self.rows = layout(n_joints)
-        self.n_rows = max(rows.stop for rows in self.rows.values())
-        self.lanes = lanes
         loop, last = Trace(), Trace()
-        p, lane = self._traced(loop, head_contact)
-        sub_step(lane, loop.clock(0), loop.clock(1), p)
+        lane = self._traced(loop)
+        sub_step(lane, loop.clock(0), loop.clock(1), traced_params(loop, head_contact))
         self._store(loop, lane)
-        p, lane = self._traced(last, head_contact)
-        visit(lane, p)
+        lane = self._traced(last)
+        visit(lane, traced_params(last, head_contact))
         self._store(last, lane)
-        ir = emit(loop, last, self.n_rows, self.rows["violation"].start, 2, lanes)
-        self._run: BlockFunction = load(ir, f"{n_joints} joints")
+        n_rows = max(rows.stop for rows in self.rows.values())
+        running = self.rows["violation"].start
+        super().__init__(loop, last, n_rows, running, lanes, f"{n_joints} joints")
 
-    def _traced(self, trace: Trace, head_contact: bool) -> tuple[SnakeParams, Lane]:
-        """Constants and a lane whose values are loads from the kernel's arguments."""
-        row = iter(range(1000))
-        p = SimpleNamespace(head_contact=head_contact)
-        for name in _FLOATS:
-            setattr(p, name, trace.shared(next(row)))
-        for name, length in _TUPLES:
-            setattr(p, name, tuple(trace.shared(next(row)) for _ in range(length)))
+    def _traced(self, trace: Trace) -> Lane:
+        """A lane whose values are loads from the lane buffer."""
         values = {
             name: [trace.lane(row) for row in range(rows.start, rows.stop)]
             for name, rows in self.rows.items()
         }
         lists = ("phi", "w", "u", "grounded", "wheels")
         fields = {name: v if name in lists else v[0] for name, v in values.items()}
-        return cast(SnakeParams, p), Lane(**fields)  # type: ignore[arg-type]
+        return Lane(**fields)  # type: ignore[arg-type]
 
     def _store(self, trace: Trace, lane: Lane) -> None:
         for name, rows in self.rows.items():
@@ -186,91 +163,8 @@ class Kernel:
                 if trace.operations[trace.position(scalar)] != ("lane", (row,)):  # it was changed
                     trace.store(row, scalar)
 
-    def blocks(self, count: int) -> NDArray[np.float64]:
-        """An uninitialised lane buffer for ``count`` lanes: (n_blocks, n_rows, lanes), aligned."""
-        shape = (-(-count // self.lanes), self.n_rows, self.lanes)
-        size = int(np.prod(shape))
-        raw = np.empty(size + 7)
-        offset = -(raw.ctypes.data // 8) % 8
-        return raw[offset : offset + size].reshape(shape)
-
-    def run(
-        self,
-        blocks: NDArray[np.float64],
-        constants: NDArray[np.float64],
-        clock: NDArray[np.float64],
-    ) -> None:
-        """Advances all lanes in place, one sub-step for each row of the clock.
-
-        Args:
-            blocks: Lane buffer from :meth:`blocks`, filled.
-            constants: From :func:`constants_of`.
-            clock: From :func:`clock_of`, or consecutive rows of it.
-        """
-
-        def part(first: int, count: int) -> None:
-            address = blocks.ctypes.data + 8 * first * self.n_rows * self.lanes
-            self._run(address, constants.ctypes.data, clock.ctypes.data, len(clock), count)
-
-        n_blocks = len(blocks)
-        n_threads = min(_threads.count, n_blocks)
-        if n_threads == 1:
-            part(0, n_blocks)
-            return
-        edges = [n_blocks * k // n_threads for k in range(n_threads + 1)]
-        tasks = [(first, stop - first) for first, stop in itertools.pairwise(edges)]
-        list(_threads.pool().map(part, *zip(*tasks, strict=True)))
-
-
-class _Threads:
-    """How many threads share the blocks of a call, and the pool that they live in."""
-
-    def __init__(self) -> None:
-        self.count = 1
-        self._pool: ThreadPoolExecutor | None = None
-
-    def pool(self) -> ThreadPoolExecutor:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.count, thread_name_prefix="snake_env")
-        return self._pool
-
-    def resize(self, count: int) -> None:
-        if self._pool is not None:
-            self._pool.shutdown()
-        self.count, self._pool = count, None
-
-
-_threads = _Threads()
-
-
-def set_num_threads(count: int) -> None:
-    """Lets one call of the kernel use ``count`` threads (default 1); results stay the same.
-
-    Raises:
-        InvalidInputError: ``count`` is not a positive integer.
-    """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InvalidInputError("count", count, "a positive number of threads")
-    _threads.resize(count)
-
 
 @functools.cache
 def get_kernel(n_joints: int, head_contact: bool, lanes: int = LANES) -> Kernel:
     """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
     return Kernel(n_joints, head_contact, lanes)
-
-
-@functools.lru_cache(maxsize=256)
-def constants_of(params: SnakeParams) -> NDArray[np.float64]:
-    """The constants in the order in which the kernel reads them."""
-    values = [getattr(params, name) for name in _FLOATS]
-    for name, _ in _TUPLES:
-        values += getattr(params, name)
-    return np.array(values, dtype=np.float64)
-
-
-@functools.lru_cache(maxsize=256)
-def clock_of(params: SnakeParams) -> NDArray[np.float64]:
-    """Time inside the interval and k_eta (16) for each sub-step, shape (n_steps, 2)."""
-    times = [step * params.dt for step in range(params.n_steps)]
-    return np.array([(t, redundancy_gain(t, params)) for t in times], dtype=np.float64)

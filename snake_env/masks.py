@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.errors import UnknownNameError
+from snake_env.mask_kernel import MAX_MODES, stable_modes
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.simulation import instantly_stable, predict_batch
-from snake_env.state import StateBatch
+from snake_env.state import IntArray, StateBatch
 
 MaskLevel = Literal["structural", "instant", "lookahead"]
 
@@ -43,22 +45,32 @@ def action_masks(states: StateBatch, level: MaskLevel, params: SnakeParams) -> N
     structural: NDArray[np.bool_] = mode_table(params.n_joints).masks(states.phase)
     if level == "structural":
         return structural.copy()
-    mask = _narrowed(structural, states, params, lookahead=False)
-    return mask if level == "instant" else _narrowed(mask, states, params, lookahead=True)
-
-
-def _narrowed(
-    mask: NDArray[np.bool_], states: StateBatch, params: SnakeParams, *, lookahead: bool
-) -> NDArray[np.bool_]:
-    rows, modes = np.nonzero(mask)
-    pairs = states.take(rows)
-    allowed = (
-        predict_batch(pairs, modes, params).feasible
-        if lookahead
-        else instantly_stable(pairs, modes, params)
+    stable = (
+        stable_modes(states, params)
+        if structural.shape[1] <= MAX_MODES
+        else _each(structural, states, params, instantly_stable)
     )
-    narrowed = np.zeros_like(mask)
-    narrowed[rows[allowed], modes[allowed]] = True
-    nothing_left = ~narrowed.any(axis=1)
-    narrowed[nothing_left] = mask[nothing_left]
-    return narrowed
+    instant = _or_else(structural & stable, structural)
+    if level == "instant":
+        return instant
+    feasible = _each(instant, states, params, lambda *pair: predict_batch(*pair).feasible)
+    return _or_else(feasible, instant)
+
+
+def _each(
+    mask: NDArray[np.bool_],
+    states: StateBatch,
+    params: SnakeParams,
+    test: Callable[[StateBatch, IntArray, SnakeParams], NDArray[np.bool_]],
+) -> NDArray[np.bool_]:
+    """The marked pairs of a state and a mode that pass a test."""
+    rows, modes = np.nonzero(mask)
+    passed = np.zeros_like(mask)
+    passed[rows, modes] = test(states.take(rows), modes, params)
+    return passed
+
+
+def _or_else(mask: NDArray[np.bool_], fallback: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The mask, but the fallback where nothing is left."""
+    result: NDArray[np.bool_] = np.where(mask.any(axis=1, keepdims=True), mask, fallback)
+    return result

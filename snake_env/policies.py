@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from snake_env.blocks import LANES
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.kernel import LANES
 from snake_env.masks import action_masks
 from snake_env.modes import mode_table
 from snake_env.optimizer import AnalyticOptimizer

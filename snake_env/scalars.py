@@ -56,7 +56,11 @@ def negate(a: Bool) -> Bool:
 
 def either(a: Bool, b: Bool) -> Bool:
     """Logical or of plain or traced conditions."""
-    return negate(both(negate(a), negate(b)))
+    if isinstance(a, bool):
+        return True if a else b
+    if isinstance(b, bool):
+        return True if b else a
+    return a | b
 
 
 def minimum(a: Scalar, b: Scalar) -> Scalar:

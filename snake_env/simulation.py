@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from snake_env.blocks import clock_of, constants_of
 from snake_env.control import redundancy_gain
 from snake_env.errors import InvalidInputError, InvalidModeError
 from snake_env.kernel import (
@@ -19,8 +20,6 @@ from snake_env.kernel import (
     RUNNING,
     UNSTABLE,
     Lane,
-    clock_of,
-    constants_of,
     cost_and_input,
     get_kernel,
 )

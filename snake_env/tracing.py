@@ -144,6 +144,9 @@ class TracedBool:
     def __and__(self, other: TracedBool) -> TracedBool:
         return TracedBool(self.trace, self.trace.record("and", self.position, other.position))
 
+    def __or__(self, other: TracedBool) -> TracedBool:
+        return TracedBool(self.trace, self.trace.record("or", self.position, other.position))
+
     def __invert__(self) -> TracedBool:
         return TracedBool(self.trace, self.trace.record("not", self.position))
 
