@@ -100,7 +100,7 @@ def run_episode(
     rollouts_before = policy.rollouts
     try:
         policy.reset(seed)
-        while not episode.ended:
+        while not episode.outcome:
             began = time.perf_counter_ns()
             mode = policy.select_mode(state)
             latencies.append((time.perf_counter_ns() - began) / 1e3)

@@ -63,4 +63,14 @@ __all__ = [
     "trajectory",
 ]
 
-gymnasium.register(id="SnakeModeSelection-v0", entry_point="snake_env.env:SnakeModeSelectionEnv")
+for _id, _preset in (
+    ("SnakeModeSelection-v0", "paper"),
+    ("SnakeModeSelectionNarrow-v0", "narrow"),
+    ("SnakeModeSelectionHardware-v0", "hardware"),
+):
+    gymnasium.register(
+        id=_id,
+        entry_point="snake_env.env:SnakeModeSelectionEnv",
+        vector_entry_point="snake_env.vector_env:SnakeModeSelectionVectorEnv",
+        kwargs={"preset": _preset},
+    )

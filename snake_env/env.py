@@ -1,30 +1,44 @@
-"""The Gymnasium environment: a thin adapter over :func:`snake_env.simulation.advance`."""
+"""The Gymnasium environment: a thin adapter over :class:`snake_env.core.EnvCore`."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from snake_env.episode import Episode
-from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.kinematics import d_min
-from snake_env.masks import MaskLevel, action_masks, check_mask_level
+from snake_env.core import EnvCore, EnvOptions
+from snake_env.episode import Episodes
+from snake_env.errors import UnknownNameError
+from snake_env.masks import MaskLevel
 from snake_env.modes import mode_table
-from snake_env.observation import observation_size, observe
+from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
-from snake_env.reward import RewardWeights, reward_terms
-from snake_env.simulation import advance
+from snake_env.rendering import FRAMES_PER_SECOND, Viewer
 from snake_env.state import SnakeState, StateBatch
-from snake_env.tasks import random_task
+from snake_env.transition import OnInfeasible
+
+_ONLY = np.array([0])
+
+
+@dataclass(frozen=True)
+class EnvState:
+    """What :meth:`SnakeModeSelectionEnv.get_state` saves: robot, episode and randomness."""
+
+    states: StateBatch
+    episodes: Episodes
+    rng: np.random.Generator
+    running: bool
 
 
 class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
-    """Choose which wheels a snake robot lifts, so that it changes its shape and its head stays still.
+    r"""Choose which wheels a snake robot lifts, so that it changes its shape and its head stays still.
 
     ## Description
     A planar snake robot of n + 1 links with passive wheels must turn its n yaw joints from a random
@@ -37,26 +51,32 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     ## Action Space
     ``Discrete(n_modes)``, 99 for n = 8: an index in :class:`snake_env.modes.ModeTable`, ordered by the
     number of lifted rear wheels, then lexicographically by wheel number (0 = none, 1..7 = wheel 2..8
-    alone, ...). An index means the same wheels in every phase. Which ones are allowed now is in
-    ``info["action_mask"]`` and ``action_masks()``; any other raises ``InvalidModeError``.
+    alone, ...). An index means the same wheels in every phase. Which ones may be chosen now is in
+    ``info["action_mask"]`` and ``action_masks()``. A choice that lifts the SCP's wheel or one before it
+    is a violation (``invalid_mode``); an index outside the space raises ``InvalidModeError``.
 
     ## Observation Space
-    ``Box(-1, 1, (8 n + 9,), float32)``, 73 values for n = 8. Every row is clipped to [-1, 1]; places
-    are in the head's frame, in which link 0 points along +x.
+    ``Box(-1, 1, (10 n + 19,), float32)``, 99 values for n = 8. Every value is clipped to [-1, 1];
+    places are in the head's frame, in which link 0 points along +x.
 
-    | Index (n = 8) | Meaning | Unit of 1.0 |
-    |---|---|---|
-    | 0..7 | ``phi``: joint angles | phi_limit |
-    | 8..15 | ``target``: target angles | phi_limit |
-    | 16..23 | ``error``: target - phi | 2 phi_limit |
-    | 24..32 | ``phase``: one-hot, phases 1..n + 1 | |
-    | 33 | ``scp_error``: the SCP's target - phi | 2 phi_limit |
-    | 34 | ``ref_start``: where the SCP's cam curve starts | phi_limit |
-    | 35 | ``phase_time``: time since the phase began | 30 s |
-    | 36..38 | ``head_error``: w - w_d | 0.1 m, 0.1 m, 0.5 rad |
-    | 39..54 | ``link_direction``: cos, sin of each link behind the head | |
-    | 55..70 | ``link_centre``: x, y of each link behind the head | 2 l (n + 1) |
-    | 71..72 | ``centre_of_gravity``: x, y | 2 l (n + 1) |
+    | Index (n = 8) | Name | Meaning | Value 1 means |
+    |---|---|---|---|
+    | 0..7 | ``phi`` | joint angles | phi_limit |
+    | 8..15 | ``target`` | target angles | phi_limit |
+    | 16..23 | ``error`` | target - phi | 2 phi_limit |
+    | 24..31 | ``limit_margin`` | distance to the joint limit | phi_limit |
+    | 32..40 | ``phase`` | one-hot, phases 1..n + 1 | yes |
+    | 41..41 | ``scp_error`` | the SCP's target - phi | 2 phi_limit |
+    | 42..42 | ``ref_start`` | where the SCP's cam curve starts | phi_limit |
+    | 43..43 | ``cam_progress`` | time since the phase began | cam_time or more |
+    | 44..44 | ``phase_time`` | time since the phase began | 30 s or more |
+    | 45..52 | ``last_lifted`` | rear wheels lifted in the last interval | yes |
+    | 53..53 | ``last_turn`` | how far the SCP turned in it | 0.5 rad |
+    | 54..56 | ``head_error`` | w - w_d | 0.1 m, 0.1 m, 0.5 rad |
+    | 57..72 | ``link_direction`` | cos, sin of each link behind the head | 1 |
+    | 73..88 | ``link_centre`` | x, y of each link behind the head | 2 l (n + 1) |
+    | 89..90 | ``centre_of_gravity`` | x, y | 2 l (n + 1) |
+    | 91..98 | ``support_margin`` | reach of the largest support beyond it, 8 directions | 2 l |
 
     ## Rewards
     The sum of the terms in ``info["reward_terms"]``, weighted by ``reward_weights``:
@@ -66,97 +86,117 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     | ``time`` | -0.02 | intervals elapsed |
     | ``phase`` | 0.1 | phases completed |
     | ``success`` | 1.0 | 1 when the target is reached |
-    | ``violation`` | -1.0 | 1 when (22) or (23) is broken, or links touch |
+    | ``violation`` | -1.0 | 1 when the choice was infeasible or not allowed, or links touch |
     | ``cost`` | -0.002 | the mean of V (19) over the interval |
+    | ``shaping`` | 0.0 | gamma Phi(after) - Phi(before), Phi = minus the phases left |
+
+    The further weight ``gamma`` (0.99) is the agent's discount in ``shaping``, which changes no optimal
+    policy. Lingering is never paid: time only costs, and each phase ends once.
 
     ## Starting State
     Phase 1, head at ``w_d``, initial and target shape drawn as in section V of the paper: uniform
-    within the joint limits, drawn again where links collide.
+    within the joint limits, drawn again where links collide. Or a random row of ``task_suite``.
 
     ## Episode End
     1. Termination: the target is reached (``is_success``).
-    2. Termination: the robot tips (22), a joint passes its limit (23), or links touch.
+    2. Termination: the robot tips (22), a joint passes its limit (23), links touch, or the choice was
+       not allowed. With ``on_infeasible="reject"`` infeasible choices are not executed: the robot holds
+       still for delta_t instead, and the episode goes on.
     3. Truncation: after ``horizon`` = 100 decisions.
 
     ## Information
-    ``action_mask`` (int8, n_modes), ``is_success``, ``violation`` (``""``, ``"stability"``,
-    ``"joint_limit"`` or ``"collision"``), ``phase``, ``lifted`` (all lifted wheels' numbers during the
-    last interval), ``reward_terms``, ``elapsed_s``, ``d_min`` [m] and ``max_abs_phi`` [rad] of the last
-    interval; when the episode has ended, ``episode_summary``: the fields of
-    :class:`snake_env.episode.EpisodeSummary`.
+    | Key | Type | Meaning |
+    |---|---|---|
+    | ``action_mask`` | int8 (n_modes,) | 1 for the modes that may be chosen; at least one |
+    | ``is_success`` | bool | whether the target is reached |
+    | ``violation`` | str | ``""``, ``stability``, ``joint_limit``, ``collision`` or ``invalid_mode`` |
+    | ``phase`` | int | 1..n; n + 1 once the target is reached |
+    | ``lifted`` | int8 (n,) | wheels in the air during the last interval, the SCP's included |
+    | ``reward_terms`` | dict | the weighted terms of the reward |
+    | ``elapsed_s`` | float | time since the episode began |
+    | ``d_min`` | float | least distance [m] between links that could collide, in the last interval |
+    | ``max_abs_phi`` | float | largest joint angle [rad] in the last interval |
+    | ``episode_summary`` | dict | at the end only: :class:`snake_env.episode.EpisodeSummary` |
 
     ## Arguments
     | Parameter | Type | Default | Meaning |
     |---|---|---|---|
     | ``preset`` | str | ``"paper"`` | ``paper``, ``hardware`` or ``narrow`` |
     | ``mask_level`` | str | ``"instant"`` | ``structural``, ``instant`` or ``lookahead`` |
-    | ``reward_weights`` | dict | None | replaces weights by name |
+    | ``on_infeasible`` | str | ``"terminate"`` | or ``reject`` |
+    | ``reward_weights`` | dict | ``None`` | replaces weights by name |
+    | ``slip`` | tuple | ``(0.0, 0.0)`` | standard deviation of the head's slip per interval [m, rad] |
+    | ``task_suite`` | str | ``None`` | draws tasks from it: any name that ``load_tasks`` takes |
+    | ``render_mode`` | str | ``None`` | ``human``, ``rgb_array`` or ``rgb_array_list`` |
     | ``**params`` | | | replaces fields of :class:`snake_env.params.SnakeParams` |
 
-    ``reset(options={"phi0": ..., "target": ...})`` sets the initial and the target shape [rad].
+    ``reset(options=...)`` takes ``phi0`` and ``target`` (shapes [rad]) and ``task`` (row of the suite).
 
     ## Version History
     * v0: initial version.
+
+    ## References
+    M. Tanaka and K. Tanaka, IEEE Transactions on Control Systems Technology 25(4), 1441-1448, 2017.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own declaration
+    metadata: dict[str, Any] = {  # noqa: RUF012  # Gymnasium's own declaration
+        "render_modes": ["human", "rgb_array", "rgb_array_list"],
+        "render_fps": FRAMES_PER_SECOND,
+    }
 
     def __init__(
         self,
         preset: str = "paper",
         mask_level: MaskLevel = "instant",
+        on_infeasible: OnInfeasible = "terminate",
         reward_weights: dict[str, float] | None = None,
-        render_mode: None = None,
+        slip: Sequence[float] = (0.0, 0.0),
+        task_suite: str | None = None,
+        render_mode: str | None = None,
         **params: Any,
     ) -> None:
-        self.params = SnakeParams.preset(preset, **params)
-        check_mask_level(mask_level)
-        self.mask_level = mask_level
-        known = [field.name for field in dataclasses.fields(RewardWeights)]
-        for name in reward_weights or {}:
-            if name not in known:
-                raise UnknownNameError("reward term", name, known)
-        self.reward_weights = RewardWeights(**(reward_weights or {}))
-        if render_mode is not None:
-            raise InvalidInputError("render_mode", render_mode, "None")
+        options = EnvOptions.parse(
+            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, params
+        )
+        self.core = EnvCore(1, options)
+        self.action_space = action_space(options)
+        self.observation_space = observation_space(options)
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise UnknownNameError("render_mode", render_mode, modes)
         self.render_mode = render_mode
-        self._table = mode_table(self.params.n_joints)
-        self.action_space = spaces.Discrete(len(self._table))
-        shape = (observation_size(self.params.n_joints),)
-        self.observation_space = spaces.Box(-1.0, 1.0, shape, np.float32)
-        self._state: SnakeState | None = None
+        self._viewer: Viewer | None = None
+        self._running = False
+
+    @property
+    def params(self) -> SnakeParams:
+        """The constants of the robot."""
+        return self.core.options.params
 
     @property
     def state(self) -> SnakeState:
-        """The robot's state.
-
-        Raises:
-            gymnasium.error.ResetNeeded: The env has not been reset yet.
-        """
-        if self._state is None:
-            raise gymnasium.error.ResetNeeded("call reset() first")
-        return self._state
+        """The robot's state (a copy)."""
+        return self.core.states[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begins an episode with a random task, or with the shapes given in ``options``.
+        """Begins an episode.
+
+        Args:
+            seed: Seeds the env's source of randomness.
+            options: ``phi0``, ``target``: shapes (n,) [rad]; ``task``: a row of the task suite.
 
         Raises:
             UnknownNameError: An option that does not exist.
-            InvalidInputError: A shape that can't be used.
+            InvalidInputError: A shape or a task that can't be used.
         """
         super().reset(seed=seed)
-        given = options or {}
-        for name in given:
-            if name not in ("phi0", "target"):
-                raise UnknownNameError("reset option", name, ("phi0", "target"))
-        phi0, target = random_task(self.np_random, self.params)
-        phi0, target = given.get("phi0", phi0), given.get("target", target)
-        self._state = SnakeState.initial(phi0, target, self.params)
-        self._episode = Episode(self._state, self.params)
-        info = self._info()
-        return self._observation(), info
+        info = self.core.reset(_ONLY, [self.np_random], options)
+        self._running = True
+        if self.render_mode is not None:
+            self._view().begin(self.state)
+        return self.core.observe(_ONLY)[0], _only(info)
 
     def step(
         self, action: np.int64 | int
@@ -164,59 +204,96 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         """Executes a mode for one interval.
 
         Raises:
-            InvalidModeError: The mode is out of range or not valid in the phase.
-            gymnasium.error.ResetNeeded: The episode has not begun, or has ended.
+            InvalidModeError: The mode is not in the action space.
+            gymnasium.error.ResetNeeded: No episode is going on.
         """
-        before = self.state
-        if self._episode.ended:
-            raise gymnasium.error.ResetNeeded("the episode has ended: call reset()")
-        mode = int(action)
-        self._state, prediction = advance(before, mode, self.params)
-        self._episode.record(self._state, prediction)
-        batches = StateBatch.stack([before]), StateBatch.stack([self._state])
-        terms = reward_terms(*batches, prediction, self.reward_weights, self.params)
-        named = {name: float(values[0]) for name, values in terms.items()}
-        outcome = self._episode.outcome
-        truncated = outcome in ("deadlock", "horizon")
-        terminated = bool(outcome) and not truncated
-        info = self._info()
-        info.update(
-            lifted=[before.phase, *(int(wheel) for wheel in self._table.wheels[mode] if wheel)],
-            reward_terms=named,
-            d_min=float(prediction.d_min[0]),
-            max_abs_phi=float(prediction.max_abs_phi[0]),
-            violation=outcome if terminated and outcome != "success" else "",
-        )
-        if outcome:
-            info["episode_summary"] = dataclasses.asdict(self._episode.summary())
-        return self._observation(), sum(named.values()), terminated, truncated, info
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("no episode is going on: call reset()")
+        before, mode = self.state, int(action)
+        result = self.core.step(_ONLY, np.array([mode]), [self.np_random])
+        terminated, truncated = bool(result.terminated[0]), bool(result.truncated[0])
+        info = _only(result.info)
+        if terminated or truncated:
+            self._running = False
+            info["episode_summary"] = dataclasses.asdict(self.core.summary(0))
+        if self.render_mode is not None:
+            self._view().show(before, mode, self.state, info["violation"])
+        return self.core.observe(_ONLY)[0], float(result.reward[0]), terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which modes may be chosen now, shape (n_modes,); always at least one.
-
-        Once the episode has ended by success every mode is marked, as nothing depends on it.
-        """
-        if self.state.done:
-            return np.ones(len(self._table), dtype=np.bool_)
-        mask: NDArray[np.bool_] = action_masks(
-            StateBatch.stack([self.state]), self.mask_level, self.params
-        )[0]
+        """Which modes may be chosen now, shape (n_modes,): at least one, all after a success."""
+        mask: NDArray[np.bool_] = self.core.masks(_ONLY)[0]
         return mask
 
-    def _observation(self) -> NDArray[np.float32]:
-        observation: NDArray[np.float32] = observe(StateBatch.stack([self.state]), self.params)[0]
-        return observation
+    def get_state(self) -> EnvState:
+        """Everything that the env's future depends on, for :meth:`set_state`."""
+        return copy.deepcopy(
+            EnvState(self.core.states, self.core.episodes, self.np_random, self._running)
+        )
 
-    def _info(self) -> dict[str, Any]:
-        state = self.state
-        return {
-            "action_mask": self.action_masks().astype(np.int8),
-            "is_success": self._episode.outcome == "success",
-            "violation": "",
-            "phase": state.phase,
-            "lifted": [],
-            "reward_terms": {},
-            "elapsed_s": state.elapsed,
-            "d_min": d_min(state.phi, self.params.l),
-            "max_abs_phi": float(np.abs(state.phi).max()),
-        }
+    def set_state(self, state: EnvState | SnakeState) -> None:
+        """Goes back to what :meth:`get_state` returned, or begins an episode in a robot's state."""
+        if isinstance(state, SnakeState):
+            self.core.states = StateBatch.stack([state])
+            self.core.episodes.restart(_ONLY, self.core.states)
+            self._running = not state.done
+        else:
+            saved = copy.deepcopy(state)
+            self.core.states, self.core.episodes = saved.states, saved.episodes
+            self.np_random, self._running = saved.rng, saved.running
+        if self.render_mode is not None:
+            self._view().begin(self.state)
+
+    def render(self) -> Any:
+        """What the render mode asks for.
+
+        Returns:
+            ``rgb_array``: the last frame, (480, 640, 3) uint8. ``rgb_array_list``: the frames of the
+            motion since the last call. ``human``: None; the window shows the motion by itself.
+
+        Raises:
+            MissingDependencyError: Pillow (or pygame, for ``human``) is not installed.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                "render() needs gym.make(..., render_mode='rgb_array') or the like"
+            )
+            return None
+        if self.render_mode == "rgb_array_list":
+            return self._view().take()
+        return self._view().frame() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def _view(self) -> Viewer:
+        if self._viewer is None:
+            assert self.render_mode is not None
+            self._viewer = Viewer(self.params, self.render_mode)
+        return self._viewer
+
+
+def action_space(options: EnvOptions) -> spaces.Discrete:
+    """The action space of one env."""
+    return spaces.Discrete(len(mode_table(options.params.n_joints)))
+
+
+def observation_space(options: EnvOptions) -> spaces.Space[NDArray[np.float32]]:
+    """The observation space of one env."""
+    shape = (observation_size(options.params.n_joints),)
+    space: Any = spaces.Box(-1.0, 1.0, shape, np.float32)
+    return cast(spaces.Space[NDArray[np.float32]], space)
+
+
+def _only(info: dict[str, Any]) -> dict[str, Any]:
+    """The first robot's row of each entry, as plain values; arrays stay arrays."""
+    first: dict[str, Any] = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            first[key] = _only(value)
+        else:
+            first[key] = value[0] if value.ndim > 1 else value[0].item()
+    return first

@@ -5,13 +5,14 @@ The env and ``python -m evaluate`` both take their figures from here.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from snake_env.params import SnakeParams
 from snake_env.simulation import Prediction
-from snake_env.state import SnakeState
+from snake_env.state import IntArray, SnakeState, StateBatch
 
 OUTCOMES = ("success", "deadlock", "horizon", "stability", "joint_limit", "collision", "error")
 """How an episode can end; all but the first are failures.
@@ -20,6 +21,8 @@ OUTCOMES = ("success", "deadlock", "horizon", "stability", "joint_limit", "colli
 ``horizon``: it still moved then. ``stability``, ``joint_limit``: the policy chose a mode that breaks
 (22) or (23) although another was feasible. ``collision``: links touched. ``error``: the policy raised.
 """
+
+_FIGURES = ("cost_integral", "d_min", "max_abs_phi", "head_error_m", "head_error_rad")
 
 STILL = 1e-3
 """A robot stands still if no joint turns by more than this in an interval [rad]."""
@@ -52,60 +55,87 @@ class EpisodeSummary:
     head_error_rad: float
 
 
+class Episodes:
+    """Follows many episodes interval by interval.
+
+    Attributes:
+        outcome: One of :data:`OUTCOMES` for each that has ended, else empty, shape (N,).
+    """
+
+    def __init__(self, states: StateBatch, params: SnakeParams) -> None:
+        self.params = params
+        count = len(states)
+        self.outcome = np.zeros(count, dtype="<U12")
+        self._intervals = np.zeros(count, dtype=np.int64)
+        self._figures = {name: np.zeros(count) for name in _FIGURES}
+        self._states = states
+        self.restart(np.arange(count), states)
+
+    def restart(self, indices: IntArray, states: StateBatch) -> None:
+        """Begins the episodes at the given positions anew, in the given states."""
+        self._states = self._states.put(indices, states)
+        self.outcome[indices] = np.where(states.phase > self.params.n_joints, "success", "")
+        self._intervals[indices] = 0
+        for values in self._figures.values():
+            values[indices] = 0.0
+        self._figures["d_min"][indices] = np.inf
+        self._figures["max_abs_phi"][indices] = np.abs(states.phi).max(axis=1)
+
+    def record(self, indices: IntArray, after: StateBatch, prediction: Prediction) -> None:
+        """Takes note of executed intervals (a lane each) and of the states that they led to."""
+        before = self._states.phi[indices]
+        self._states = self._states.put(indices, after)
+        self._intervals[indices] += 1
+        error = after.w - self.params.w_d
+        figures = self._figures
+        figures["cost_integral"][indices] += prediction.cost
+        for name, combine, values in (
+            ("d_min", np.minimum, prediction.d_min),
+            ("max_abs_phi", np.maximum, prediction.max_abs_phi),
+            ("head_error_m", np.maximum, np.hypot(error[:, 0], error[:, 1])),
+            ("head_error_rad", np.maximum, np.abs(error[:, 2])),
+        ):
+            figures[name][indices] = combine(figures[name][indices], values)
+        moved = np.abs(after.phi - before).max(axis=1)
+        self.outcome[indices] = np.select(
+            [
+                prediction.violation != "",
+                prediction.d_min < self.params.d_touch,
+                after.phase > self.params.n_joints,
+                (self._intervals[indices] >= self.params.horizon) & (moved < STILL),
+                self._intervals[indices] >= self.params.horizon,
+            ],
+            [prediction.violation, "collision", "success", "deadlock", "horizon"],
+            default="",
+        )
+
+    def summary(self, k: int) -> EpisodeSummary:
+        """The figures of one episode so far."""
+        return EpisodeSummary(
+            outcome=str(self.outcome[k]),
+            intervals=int(self._intervals[k]),
+            time_s=float(self._states.elapsed[k]),
+            phase=int(self._states.phase[k]),
+            **{name: float(values[k]) for name, values in self._figures.items()},
+        )
+
+
 class Episode:
-    """Follows an episode interval by interval.
+    """Follows one episode interval by interval.
 
     Attributes:
         outcome: One of :data:`OUTCOMES` once the episode has ended; empty before.
     """
 
     def __init__(self, state: SnakeState, params: SnakeParams) -> None:
-        self.params = params
-        self.outcome = "success" if state.done else ""
-        self._state = state
-        self._intervals = 0
-        self._cost = 0.0
-        self._d_min = np.inf
-        self._max_abs_phi = float(np.abs(state.phi).max())
-        self._head_error_m = 0.0
-        self._head_error_rad = 0.0
-
-    @property
-    def ended(self) -> bool:
-        """Whether the episode is over."""
-        return bool(self.outcome)
+        self._episodes = Episodes(StateBatch.stack([state]), params)
+        self.outcome = str(self._episodes.outcome[0])
 
     def record(self, after: SnakeState, prediction: Prediction) -> None:
         """Takes note of an executed interval (one lane) and of the state that it led to."""
-        moved = float(np.abs(after.phi - self._state.phi).max())
-        self._state = after
-        self._intervals += 1
-        self._cost += float(prediction.cost[0])
-        self._d_min = min(self._d_min, float(prediction.d_min[0]))
-        self._max_abs_phi = max(self._max_abs_phi, float(prediction.max_abs_phi[0]))
-        error = after.w - self.params.w_d
-        self._head_error_m = max(self._head_error_m, float(np.hypot(error[0], error[1])))
-        self._head_error_rad = max(self._head_error_rad, abs(float(error[2])))
-        violation = str(prediction.violation[0])
-        if violation:
-            self.outcome = violation
-        elif prediction.d_min[0] < self.params.d_touch:
-            self.outcome = "collision"
-        elif after.done:
-            self.outcome = "success"
-        elif self._intervals >= self.params.horizon:
-            self.outcome = "deadlock" if moved < STILL else "horizon"
+        self._episodes.record(np.array([0]), StateBatch.stack([after]), prediction)
+        self.outcome = str(self._episodes.outcome[0])
 
     def summary(self) -> EpisodeSummary:
         """The figures so far."""
-        return EpisodeSummary(
-            outcome=self.outcome,
-            intervals=self._intervals,
-            time_s=self._state.elapsed,
-            phase=self._state.phase,
-            cost_integral=self._cost,
-            d_min=self._d_min,
-            max_abs_phi=self._max_abs_phi,
-            head_error_m=self._head_error_m,
-            head_error_rad=self._head_error_rad,
-        )
+        return dataclasses.replace(self._episodes.summary(0), outcome=self.outcome)

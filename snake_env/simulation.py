@@ -161,6 +161,14 @@ def instantly_stable(
     return stable
 
 
+def least_distances(phi: FloatArray, params: SnakeParams) -> FloatArray:
+    """d_min of many shapes, (N, n) [rad]: shape (N,) [m], each bit for bit that of ``d_min``."""
+    states = StateBatch.initial(phi, phi, params)
+    outcome = _run(states, np.zeros(len(phi), dtype=np.int64), params, clock_of(params)[:0])
+    distances: FloatArray = np.sqrt(outcome["d2_min"][:, 0])
+    return distances
+
+
 def advance(state: SnakeState, mode: int, params: SnakeParams) -> tuple[SnakeState, Prediction]:
     """Executes a mode for one interval and shifts the phase where (18) holds.
 
@@ -185,10 +193,12 @@ def advance_batch(
 ) -> tuple[StateBatch, Prediction]:
     """:func:`advance` for many states, with one mode each."""
     prediction = predict_batch(states, modes, params)
-    return successors(states, prediction, params), prediction
+    return successors(states, modes, prediction, params), prediction
 
 
-def successors(states: StateBatch, prediction: Prediction, params: SnakeParams) -> StateBatch:
+def successors(
+    states: StateBatch, modes: ArrayLike, prediction: Prediction, params: SnakeParams
+) -> StateBatch:
     """The states in which predicted intervals end, phases shifted where (18) holds."""
     lanes = np.arange(len(states))
     scp = states.phase - 1
@@ -204,6 +214,8 @@ def successors(states: StateBatch, prediction: Prediction, params: SnakeParams) 
         phase_time=np.where(shift, 0.0, states.phase_time + prediction.duration),
         ref_start=np.where(shift, prediction.phi[lanes, next_scp], states.ref_start),
         elapsed=states.elapsed + prediction.duration,
+        last_mode=np.array(modes, dtype=np.int64),
+        last_turn=prediction.phi[lanes, scp] - states.phi[lanes, scp],
     )
 
 

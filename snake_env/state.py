@@ -32,6 +32,9 @@ class SnakeState:
         phase_time: Time since the phase began [s].
         ref_start: The SCP's angle when the phase began, where its cam curve starts [rad].
         elapsed: Time since the episode began [s].
+        last_mode: The mode of the last interval; -1 at the beginning. The robot does not depend on it,
+            but who chooses the next mode may want to know.
+        last_turn: How far the SCP of the last interval turned in it [rad].
     """
 
     w: FloatArray
@@ -41,6 +44,8 @@ class SnakeState:
     phase_time: float
     ref_start: float
     elapsed: float
+    last_mode: int = -1
+    last_turn: float = 0.0
 
     @classmethod
     def initial(cls, phi0: ArrayLike, target: ArrayLike, params: SnakeParams) -> SnakeState:
@@ -89,6 +94,8 @@ class StateBatch:
         phase_time: Times since the phase began, shape (N,) [s].
         ref_start: Where the cam curves start, shape (N,) [rad].
         elapsed: Times since the episodes began, shape (N,) [s].
+        last_mode: Modes of the last interval, shape (N,).
+        last_turn: How far the SCPs turned in it, shape (N,) [rad].
     """
 
     w: FloatArray
@@ -98,40 +105,76 @@ class StateBatch:
     phase_time: FloatArray
     ref_start: FloatArray
     elapsed: FloatArray
+    last_mode: IntArray
+    last_turn: FloatArray
 
     def __len__(self) -> int:
         return len(self.phase)
 
     def __getitem__(self, k: int) -> SnakeState:
-        return SnakeState(
-            w=self.w[k].copy(),
-            phi=self.phi[k].copy(),
-            target=self.target[k].copy(),
-            phase=int(self.phase[k]),
-            phase_time=float(self.phase_time[k]),
-            ref_start=float(self.ref_start[k]),
-            elapsed=float(self.elapsed[k]),
-        )
+        fields: dict[str, Any] = {}
+        for name in _FIELDS:
+            value = getattr(self, name)[k]
+            fields[name] = value.copy() if isinstance(value, np.ndarray) else value.item()
+        return SnakeState(**fields)
 
     @classmethod
     def stack(cls, states: Sequence[SnakeState]) -> StateBatch:
         """A batch of the given states, copied."""
         return cls(
-            w=np.array([state.w for state in states], dtype=np.float64),
-            phi=np.array([state.phi for state in states], dtype=np.float64),
-            target=np.array([state.target for state in states], dtype=np.float64),
-            phase=np.array([state.phase for state in states], dtype=np.int64),
-            phase_time=np.array([state.phase_time for state in states], dtype=np.float64),
-            ref_start=np.array([state.ref_start for state in states], dtype=np.float64),
-            elapsed=np.array([state.elapsed for state in states], dtype=np.float64),
+            **{
+                name: np.array([getattr(state, name) for state in states], dtype=dtype)
+                for name, dtype in _FIELDS.items()
+            }
+        )
+
+    @classmethod
+    def initial(cls, phi0: FloatArray, target: FloatArray, params: SnakeParams) -> StateBatch:
+        """States in which episodes begin, for shapes (N, n) [rad] that are known to be usable."""
+        count = len(phi0)
+        return cls(
+            w=np.tile(np.array(params.w_d), (count, 1)),
+            phi=phi0.copy(),
+            target=target.copy(),
+            phase=np.ones(count, dtype=np.int64),
+            phase_time=np.zeros(count),
+            ref_start=phi0[:, 0].copy(),
+            elapsed=np.zeros(count),
+            last_mode=np.full(count, -1, dtype=np.int64),
+            last_turn=np.zeros(count),
         )
 
     def take(self, indices: ArrayLike) -> StateBatch:
         """The states at the given positions, in their order; an index may come many times."""
         chosen = np.asarray(indices, dtype=np.intp)
+        return StateBatch(**{name: getattr(self, name)[chosen] for name in _FIELDS})
+
+    def where(self, condition: NDArray[np.bool_], other: StateBatch) -> StateBatch:
+        """These states where the condition (N,) holds, the other's elsewhere."""
         return StateBatch(
-            **{field.name: getattr(self, field.name)[chosen] for field in dataclasses.fields(self)}
+            **{
+                name: np.where(
+                    condition[:, None] if getattr(self, name).ndim == 2 else condition,
+                    getattr(self, name),
+                    getattr(other, name),
+                )
+                for name in _FIELDS
+            }
         )
+
+    def put(self, indices: ArrayLike, other: StateBatch) -> StateBatch:
+        """A copy in which the states at the given positions are the other's."""
+        chosen = np.asarray(indices, dtype=np.intp)
+        fields = {name: getattr(self, name).copy() for name in _FIELDS}
+        for name, values in fields.items():
+            values[chosen] = getattr(other, name)
+        return StateBatch(**fields)
+
+
+_FIELDS: dict[str, type] = {
+    field.name: np.int64 if field.name in ("phase", "last_mode") else np.float64
+    for field in dataclasses.fields(SnakeState)
+}
 
 
 def checked_shape(field: str, shape: ArrayLike, params: SnakeParams) -> FloatArray:

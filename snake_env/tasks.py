@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.kinematics import d_min
 from snake_env.params import SnakeParams
+from snake_env.simulation import least_distances
 from snake_env.state import FloatArray, SnakeState, checked_shape
 
 # Simulation 1 of the paper, section V. Its -1.57 rad is within the limit of pi/2.
@@ -49,25 +50,33 @@ class TaskSuite:
         return SnakeState.initial(self.phi0[task], self.target[task], params)
 
 
-def random_shape(rng: np.random.Generator, params: SnakeParams) -> FloatArray:
-    """A shape as in section V: uniform within the joint limits, drawn again where it self-collides.
+def random_tasks(
+    rngs: Sequence[np.random.Generator], params: SnakeParams
+) -> tuple[FloatArray, FloatArray]:
+    """Random tasks as in section V, one from each source of randomness.
+
+    Shapes are uniform within the joint limits and drawn again where d_min < 2 l. A task depends on its
+    own source only.
 
     Args:
-        rng: Where the randomness comes from.
-        params: The constants.
+        rngs: N sources of randomness; first the initial, then the target shape is drawn from each.
+        params: The constants; shapes depend on ``n_joints``, ``l`` and ``phi_limit``.
 
     Returns:
-        Joint angles, shape (n,) [rad], with d_min >= 2 l.
+        Initial and target shapes, each (N, n) [rad].
     """
-    while True:
-        phi = rng.uniform(-params.phi_limit, params.phi_limit, params.n_joints)
-        if d_min(phi, params.l) >= params.d_collision:
-            return phi
+    return _random_shapes(rngs, params), _random_shapes(rngs, params)
 
 
-def random_task(rng: np.random.Generator, params: SnakeParams) -> tuple[FloatArray, FloatArray]:
-    """A random task: initial and target shape, shapes (n,) [rad]."""
-    return random_shape(rng, params), random_shape(rng, params)
+def _random_shapes(rngs: Sequence[np.random.Generator], params: SnakeParams) -> FloatArray:
+    shapes = np.empty((len(rngs), params.n_joints))
+    colliding = np.arange(len(rngs))
+    while len(colliding):
+        for k in colliding.tolist():
+            shapes[k] = rngs[k].uniform(-params.phi_limit, params.phi_limit, params.n_joints)
+        distances = least_distances(shapes[colliding], params)
+        colliding = colliding[distances < params.d_collision]
+    return shapes
 
 
 def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = None) -> TaskSuite:
@@ -79,13 +88,9 @@ def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = 
         params: The constants; shapes depend on ``n_joints``, ``l`` and ``phi_limit``.
         name: Name of the suite.
     """
-    tasks = [random_task(np.random.default_rng((seed, task)), params) for task in range(count)]
-    shape = (count, params.n_joints)
-    return TaskSuite(
-        name=name or f"random:{count}:{seed}",
-        phi0=np.array([phi0 for phi0, _ in tasks]).reshape(shape),
-        target=np.array([target for _, target in tasks]).reshape(shape),
-    )
+    rngs = [np.random.default_rng((seed, task)) for task in range(count)]
+    phi0, target = random_tasks(rngs, params)
+    return TaskSuite(name or f"random:{count}:{seed}", phi0, target)
 
 
 def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
