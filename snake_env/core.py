@@ -13,7 +13,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.episode import Episodes, EpisodeSummary
+from snake_env.episode import Episodes
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.masks import MaskLevel, action_masks, check_mask_level
 from snake_env.modes import mode_table
@@ -197,10 +197,6 @@ class EnvCore:
         for values in terms.values():
             reward = reward + values
         return StepResult(reward, terminated, truncated, info)
-
-    def summary(self, k: int) -> EpisodeSummary:
-        """Figures of the episode at a position."""
-        return self.episodes.summary(k)
 
     def observe(self, indices: IntArray) -> NDArray[np.float32]:
         """Observations of the robots at the given positions, shape (K, size)."""

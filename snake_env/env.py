@@ -215,7 +215,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         info = _only(result.info)
         if terminated or truncated:
             self._running = False
-            info["episode_summary"] = dataclasses.asdict(self.core.summary(0))
+            info["episode_summary"] = dataclasses.asdict(self.core.episodes.summary(0))
         if self.render_mode is not None:
             self._view().show(before, mode, self.state, info["violation"])
         return self.core.observe(_ONLY)[0], float(result.reward[0]), terminated, truncated, info

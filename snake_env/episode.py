@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snake_env.params import SnakeParams
 from snake_env.simulation import Prediction
@@ -109,15 +111,21 @@ class Episodes:
             default="",
         )
 
+    def columns(self, indices: IntArray) -> dict[str, NDArray[Any]]:
+        """The figures of some episodes so far: the fields of :class:`EpisodeSummary`, in arrays."""
+        columns = {
+            "outcome": self.outcome,
+            "intervals": self._intervals,
+            "time_s": self._states.elapsed,
+            "phase": self._states.phase,
+            **self._figures,
+        }
+        return {name: values[indices] for name, values in columns.items()}
+
     def summary(self, k: int) -> EpisodeSummary:
         """The figures of one episode so far."""
-        return EpisodeSummary(
-            outcome=str(self.outcome[k]),
-            intervals=int(self._intervals[k]),
-            time_s=float(self._states.elapsed[k]),
-            phase=int(self._states.phase[k]),
-            **{name: float(values[k]) for name, values in self._figures.items()},
-        )
+        columns = self.columns(np.array([k]))
+        return EpisodeSummary(**{name: values[0].item() for name, values in columns.items()})
 
 
 class Episode:

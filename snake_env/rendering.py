@@ -207,6 +207,8 @@ class Painter:
             ) from None
         self.params = params
         self._image, self._draw = Image, ImageDraw
+        self.no_dither = Image.Dither.NONE
+        self.rare_colours = Image.Quantize.MAXCOVERAGE
         self._large = ImageFont.load_default(17 * _OVERSAMPLING)
         self._small = ImageFont.load_default(13 * _OVERSAMPLING)
         reach = 2.0 * params.l * (params.n_joints + 1)
@@ -335,6 +337,9 @@ def save_gif(scenes: list[Scene], path: str | Path, params: SnakeParams) -> None
     painter = Painter(params)
     for scene in scenes:  # widens the view to its final size first
         painter.widen(geometry(scene.phi, scene.w, params).outline)
-    images = [painter.image(scene).quantize(64) for scene in scenes]
+    palette = painter.image(scenes[len(scenes) // 2]).quantize(128, painter.rare_colours)
+    images = [
+        painter.image(scene).quantize(palette=palette, dither=painter.no_dither) for scene in scenes
+    ]
     durations = [1000 // FRAMES_PER_SECOND] * (len(images) - 1) + [2000]
     images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)

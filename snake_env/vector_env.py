@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -153,9 +152,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         over = np.flatnonzero(self._ended)
         if len(over) == 0:
             return
-        columns = [dataclasses.asdict(self.core.summary(k)) for k in over.tolist()]
-        summary = {name: np.array([column[name] for column in columns]) for name in columns[0]}
-        self._merge(info, {"episode_summary": summary}, over)
+        self._merge(info, {"episode_summary": self.core.episodes.columns(over)}, over)
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return
         ended = self._ended.copy()

@@ -1,0 +1,86 @@
+"""Wrappers: the mask where a library looks for it, and videos of the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.wrappers import RecordVideo
+from numpy.typing import DTypeLike, NDArray
+
+from snake_env.errors import UnknownNameError
+
+
+@dataclass(frozen=True)
+class MaskFormat:
+    """How a library wants observation and mask.
+
+    Attributes:
+        observation: Key of the observation.
+        mask: Key of the mask.
+        dtype: Type of the mask's entries.
+    """
+
+    observation: str
+    mask: str
+    dtype: DTypeLike
+
+
+MASK_FORMATS = {
+    "sb3": MaskFormat("observation", "action_mask", np.int8),
+    "pettingzoo": MaskFormat("observation", "action_mask", np.int8),
+    "rllib": MaskFormat("observations", "action_mask", np.float32),
+    "tianshou": MaskFormat("obs", "mask", np.bool_),
+    "torchrl": MaskFormat("observation", "action_mask", np.bool_),
+}
+"""The libraries' formats, by name."""
+
+
+class ActionMaskObservation(
+    gymnasium.ObservationWrapper[dict[str, NDArray[Any]], np.int64, NDArray[np.float32]],
+    gymnasium.utils.RecordConstructorArgs,
+):
+    """Makes observations dicts of observation and mask.
+
+    Args:
+        env: The env.
+        library: ``sb3``, ``pettingzoo``, ``rllib``, ``tianshou`` or ``torchrl``.
+
+    Raises:
+        UnknownNameError: No such library.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], library: str = "sb3") -> None:
+        if library not in MASK_FORMATS:
+            raise UnknownNameError("library", library, MASK_FORMATS)
+        gymnasium.utils.RecordConstructorArgs.__init__(self, library=library)
+        super().__init__(env)
+        self.format = MASK_FORMATS[library]
+        assert isinstance(env.action_space, spaces.Discrete)
+        dtype: Any = self.format.dtype
+        mask = spaces.Box(0, 1, (int(env.action_space.n),), dtype)
+        both = {self.format.observation: env.observation_space, self.format.mask: mask}
+        self.observation_space = cast(Any, spaces.Dict(both))
+
+    def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+        """The observation with the mask of now."""
+        mask = self.env.get_wrapper_attr("action_masks")()
+        return {
+            self.format.observation: observation,
+            self.format.mask: mask.astype(self.format.dtype),
+        }
+
+
+class RecordMotion(RecordVideo):
+    """``RecordVideo`` that keeps every frame of the motion inside an interval, not only its last.
+
+    The env must have the render mode ``rgb_array_list``. All else is as with ``RecordVideo``.
+    """
+
+    def _capture_frame(self) -> None:
+        frames = self.env.render()
+        assert isinstance(frames, list), "RecordMotion needs render_mode='rgb_array_list'"
+        self.recorded_frames.extend(frames)
