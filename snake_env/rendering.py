@@ -207,8 +207,6 @@ class Painter:
             ) from None
         self.params = params
         self._image, self._draw = Image, ImageDraw
-        self.no_dither = Image.Dither.NONE
-        self.rare_colours = Image.Quantize.MAXCOVERAGE
         self._large = ImageFont.load_default(17 * _OVERSAMPLING)
         self._small = ImageFont.load_default(13 * _OVERSAMPLING)
         reach = 2.0 * params.l * (params.n_joints + 1)
@@ -234,6 +232,16 @@ class Painter:
         self._draw_body(pen, scene, place)
         self._draw_header(pen, scene)
         return image.resize((WIDTH, HEIGHT), self._image.Resampling.LANCZOS)
+
+    def quantized(self, images: list[Image.Image]) -> list[Image.Image]:
+        """The images in a common palette in which even the smallest marks keep their colours."""
+        sample = images[len(images) // 2].copy()
+        pen = self._draw.Draw(sample)
+        for k, colour in enumerate((GRAVITY, LIFTED, GROUNDED, INK, BODY, TARGET, SUPPORT, _GHOST)):
+            pen.rectangle((0, 20 * k, 60, 20 * k + 19), fill=colour)
+        palette = sample.quantize(128)
+        no_dither = self._image.Dither.NONE
+        return [image.quantize(palette=palette, dither=no_dither) for image in images]
 
     def widen(self, points: FloatArray) -> None:
         """Makes room for points (k, 2) [m]."""
@@ -337,9 +345,6 @@ def save_gif(scenes: list[Scene], path: str | Path, params: SnakeParams) -> None
     painter = Painter(params)
     for scene in scenes:  # widens the view to its final size first
         painter.widen(geometry(scene.phi, scene.w, params).outline)
-    palette = painter.image(scenes[len(scenes) // 2]).quantize(128, painter.rare_colours)
-    images = [
-        painter.image(scene).quantize(palette=palette, dither=painter.no_dither) for scene in scenes
-    ]
+    images = painter.quantized([painter.image(scene) for scene in scenes])
     durations = [1000 // FRAMES_PER_SECOND] * (len(images) - 1) + [2000]
     images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)
