@@ -1,7 +1,7 @@
 # Everything runs in .venv, made from the committed lock. Needed: Python 3.11 and make.
 
 PYTHON ?= python3.11
-DEMO_ARGS ?= analytic analytic-14 first-feasible random skid --tasks paper-500 --out report --overwrite
+DEMO_ARGS ?= analytic analytic-14 random skid --tasks paper-500 --out report --overwrite
 
 LOCK := requirements/lock.txt
 RUN := .venv/bin/python
@@ -28,8 +28,9 @@ check: .venv/.dev ## format, lint, types
 	@$(RUN) -m ruff check .
 	@$(RUN) -m mypy
 
-bench: .venv/.demo ## measure speed
+bench: .venv/.dev ## measure speed
 	@$(RUN) -m evaluate.bench
+	@$(RUN) -m evaluate.bench_vector
 
 clean: ## remove .venv, caches and builds; keep report/ and runs/
 	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info

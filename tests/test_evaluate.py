@@ -1,0 +1,455 @@
+"""``python -m evaluate`` through a subprocess: what it writes, refuses and survives."""
+
+import contextlib
+import csv
+import json
+import os
+import pickle
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from evaluate import __main__ as command
+from evaluate.protocol import POLICIES, Shard, run_episode, run_shard
+from evaluate.statistics import wilson95
+from snake_env.episode import OUTCOMES
+from snake_env.policies import FirstFeasiblePolicy
+from snake_env.state import SnakeState
+from snake_env.tasks import random_suite
+from tests.conftest import PAPER
+
+ROOT = Path(__file__).resolve().parent.parent
+POLICY_KEYS = {
+    *("n", "success", "success_rate", "wilson95", "time_s", "restricted_mean_time_s"),
+    *("cost_integral", "d_min", "max_abs_phi", "violations", "rollouts_per_decision"),
+    "decision_latency_us",
+}
+LONG = ("analytic", "--tasks", "random:150:1", "--no-pictures", "--out")  # some seconds
+
+
+def _start(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "evaluate", *map(str, arguments)],
+        cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+
+
+def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    process = _start(*arguments)
+    stdout, stderr = process.communicate(timeout=120)
+    return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr)
+
+
+def _good(*arguments: object) -> str:
+    done = _run(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert all("compiling" in line for line in done.stderr.splitlines()), done.stderr
+    return done.stdout
+
+
+def _rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads((folder / "summary.json").read_text(), parse_constant=refuse)
+
+
+def _figures(folder: Path) -> dict[str, Any]:
+    """The summary without what is measured with a clock, or says how it was called."""
+    summary = _summary(folder)
+    for row in summary["policies"].values():
+        del row["decision_latency_us"]
+    del summary["command"]
+    return summary
+
+
+def _tree(folder: Path) -> dict[str, bytes]:
+    paths = sorted(folder.rglob("*"))
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("evaluate")
+
+
+@pytest.fixture(scope="module")
+def report(folder: Path) -> Path:
+    """Results of some policies on 6 tasks, made by one worker, and what was printed."""
+    out = folder / "new" / "report"
+    table = _good(
+        "analytic", "random", "skid", "--tasks", "random:6:3", "--workers", 1, "--out", out
+    )
+    (folder / "table").write_text(table)
+    return out
+
+
+@pytest.fixture(scope="module")
+def reference(folder: Path) -> Path:
+    """The long run, uninterrupted."""
+    _good(*LONG, folder / "long", "--workers", 2)
+    return folder / "long"
+
+
+def test_report__is_complete(report: Path) -> None:
+    pictures = {f"fig4-{name}.png" for name in ("analytic", "random", "skid")}
+    pictures |= {"sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
+    assert {path.name for path in report.iterdir()} == {"summary.json", "episodes.csv", *pictures}
+    for name in pictures:
+        with Image.open(report / name) as image:
+            assert image.format == "PNG"
+            assert min(image.size) > 300
+            colours = image.convert("RGB").getcolors(maxcolors=1 << 24)
+        assert len(colours) > 20
+        assert max(count for count, _ in colours) < 0.98 * image.size[0] * image.size[1]
+
+
+def test_episodes__are_a_row_per_policy_and_task(report: Path) -> None:
+    header = (report / "episodes.csv").read_text().splitlines()[0].split(",")
+    assert header[:5] == ["policy", "task", "outcome", "intervals", "time_s"]
+    rows = _rows(report)
+    expected = [(name, str(k)) for name in ("analytic", "random", "skid") for k in range(6)]
+    assert [(row["policy"], row["task"]) for row in rows] == expected
+    assert {row["outcome"] for row in rows} <= set(OUTCOMES)
+    for row in rows:
+        if row["policy"] != "skid":
+            modes = len(row["modes"].split())
+            assert modes == int(row["intervals"])
+            assert float(row["time_s"]) <= 3.0 * modes
+        assert row["outcome"] != "success" or row["phase"] == "9"
+
+
+def test_summary__says_what_the_episodes_say(report: Path) -> None:
+    summary, rows = _summary(report), _rows(report)
+    assert list(summary["policies"]) == ["analytic", "random", "skid"]
+    assert summary["preset"] == "paper"
+    assert summary["tasks"]["name"] == "random:6:3"
+    assert summary["command"].startswith("python -m evaluate analytic random skid")
+    for name, figures in summary["policies"].items():
+        assert figures.keys() >= POLICY_KEYS
+        own = [row for row in rows if row["policy"] == name]
+        times = [float(row["time_s"]) for row in own if row["outcome"] == "success"]
+        assert (figures["n"], figures["success"]) == (6, len(times))
+        assert figures["success_rate"] == len(times) / 6
+        assert figures["wilson95"] == list(wilson95(len(times), 6))
+        assert figures["time_s"] == pytest.approx(
+            {
+                "min": min(times),
+                "median": statistics.median(times),
+                "mean": statistics.mean(times),
+                "max": max(times),
+            }
+        )
+        restricted = (sum(times) + 300.0 * (6 - len(times))) / 6
+        assert figures["restricted_mean_time_s"] == pytest.approx(restricted)
+        assert figures["d_min"] == min(float(row["d_min"]) for row in own)
+        assert figures["max_abs_phi"] == max(float(row["max_abs_phi"]) for row in own)
+        outcomes = Counter(row["outcome"] for row in own)
+        assert figures["outcomes"] == outcomes
+        names = ("stability", "joint_limit", "collision")
+        assert figures["violations"] == sum(outcomes[outcome] for outcome in names)
+    analytic = summary["policies"]["analytic"]
+    own = [row for row in rows if row["policy"] == "analytic"]
+    spent = sum(int(row["rollouts"]) for row in own)
+    assert analytic["rollouts_per_decision"] == spent / sum(int(row["intervals"]) for row in own)
+    assert 0 < analytic["decision_latency_us"]["p50"] <= analytic["decision_latency_us"]["p95"]
+    assert summary["policies"]["random"]["rollouts_per_decision"] == 0
+    assert summary["policies"]["skid"]["cost_integral"] is None
+
+
+def test_analytic__solves_these_tasks_as_it_did(report: Path) -> None:
+    rows = [row for row in _rows(report) if row["policy"] == "analytic"]
+    assert {row["outcome"] for row in rows} == {"success"}
+    assert [float(row["time_s"]) for row in rows] == [45, 45, 36, 39, 30, 42]
+
+
+def test_table__quotes_the_paper_beside_our_figures(folder: Path, report: Path) -> None:
+    table = (folder / "table").read_text()
+    (quoted,) = [line for line in table.splitlines() if "quoted" in line]
+    assert "496/500" in quoted
+    assert "27 / - / - / 180" in quoted
+    assert "0.18" in quoted
+    (own,) = [line for line in table.splitlines() if "│ analytic " in line]
+    assert "6/6" in own
+    assert "30 / 40 / 39.5 / 45" in own or "30 / 41 / 39.5 / 45" in own
+    assert str(report) in table
+
+
+def test_results__do_not_depend_on_the_workers(folder: Path, report: Path) -> None:
+    out = folder / "two"
+    arguments = ("analytic", "random", "skid", "--tasks", "random:6:3", "--workers", 2)
+    _good(*arguments, "--no-pictures", "--out", out)
+    assert {path.name for path in out.iterdir()} == {"summary.json", "episodes.csv"}
+    assert (out / "episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
+    assert _figures(out) == _figures(report)
+
+
+def test_task_file__gives_what_its_tasks_give(folder: Path, report: Path) -> None:
+    suite = random_suite(6, 3, PAPER)
+    np.savez(folder / "tasks.npz", phi0=suite.phi0[:4], target=suite.target[:4])
+    out = folder / "from-file"
+    table = _good("analytic", "--tasks", folder / "tasks.npz", "--no-pictures", "--out", out)
+    assert _rows(out) == _rows(report)[:4]
+    assert _summary(out)["tasks"]["n"] == 4
+    assert "tasks.npz: 4 tasks" in table
+
+
+def test_other_constants__reach_the_robot(folder: Path) -> None:
+    out = folder / "six"
+    arguments = ("analytic", "first-feasible", "--tasks", "random:3:1", "--set", "n_joints=6")
+    table = _good(*arguments, "--set", "gains=[1, 1, 0.5, 1.5]", "--preset", "narrow", "--out", out)
+    assert "quoted" not in table
+    params = _summary(out)["params"]
+    assert (params["n_joints"], params["head_contact"]) == (6, False)
+    assert params["gains"] == [1, 1, 0.5, 1.5]
+    for row in _rows(out):
+        assert all(int(mode) < 16 for mode in row["modes"].split())  # 1 + 5 + 10 modes
+    names = {path.name for path in out.glob("*.png")}
+    assert names == {"fig4-analytic.png", "fig4-first-feasible.png"}  # sim-1 has 8 joints
+
+
+BAD = {
+    "": r"POLICY = \(\): expected at least one policy",
+    "analytc": r"unknown policy 'analytc': did you mean 'analytic'\?",
+    "analytic skidd": r"unknown policy 'skidd': did you mean 'skid'\?",
+    "analytic analytic": r"POLICY = 'analytic': expected each policy once",
+    "analytic-14 --set n_joints=6": r"n_joints = 6: expected 8 for the policy analytic-14",
+    "random --preset papr": r"unknown preset 'papr': did you mean 'paper'\?",
+    "random --set a_cc=67": r"unknown parameter 'a_cc': did you mean 'a_c'\?",
+    "random --set a_c": r"set = 'a_c': expected NAME=VALUE",
+    "random --set a_c=big": r"set = 'a_c=big': expected NAME=VALUE",
+    "random --set a_c=-1": r"a_c = -1.0: expected zero or a positive number",
+    "random --set n_joints=4": r"n_joints = 4: expected an integer from 5 to 16",
+    "random --workers 0": r"workers = 0: expected a positive number, or -1",
+    "random --workers -2": r"workers = -2: expected a positive number, or -1",
+    "random --tasks paper-501": r"unknown task suite 'paper-501': did you mean 'paper-500'\?",
+    "random --tasks random:0": r"tasks = 'random:0': expected random:N",
+    "random --tasks random:x": r"tasks = 'random:x': expected random:N",
+    "random --tasks {tmp}/none.npz": r"none\.npz': expected a file that exists",
+    "random --tasks {tmp}/pickled.npz": r"pickled\.npz': expected .*pickled objects are never read",
+    "random --tasks {tmp}/objects.npz": r"objects\.npz': expected .*pickled objects are never read",
+    "random --tasks {tmp}/array.npz": r"array\.npz': expected an \.npz file",
+    "random --tasks {tmp}/damaged.npz": r"damaged\.npz': expected an \.npz file",
+    "random --tasks {tmp}/limit.npz": r"target\[2\]\[5\] = 1\.6: expected at most phi_limit",
+    "random --tasks {tmp}/long.npz": r"phi0 in .*long\.npz = .*\(3, 9\).*: expected .*\(N, 8\)",
+    "random --out {tmp}/results": r"out = .*results': expected an empty folder",
+    "random --out {tmp}/file": r"out = .*file': expected a folder to write to",
+    "random --out {tmp}/file/below": r"out = .*below': expected a folder to write to",
+    "random --overwrite --resume": r"overwrite = True: expected one of --overwrite and --resume",
+    "random --resume": r"resume = .*out': expected a folder with an interrupted run",
+    "random --resume --out {tmp}/results": r"resume = .*: expected a folder with an interrupted run",
+}
+PROCESSES = ("", "analytc", "random --tasks {tmp}/objects.npz", "random --out {tmp}/file/below")
+
+
+@pytest.fixture
+def bad_files(tmp_path: Path) -> Path:
+    """A folder of files that can't be used."""
+    zeros, beyond = np.zeros((3, 8)), np.zeros((3, 8))
+    beyond[2, 5] = 1.6
+    (tmp_path / "results").mkdir()
+    for path in (tmp_path / "file", tmp_path / "results" / "summary.json"):
+        path.write_text("{}")
+    (tmp_path / "pickled.npz").write_bytes(pickle.dumps({"phi0": zeros, "target": zeros}))
+    np.savez(tmp_path / "objects.npz", phi0=np.array([[None] * 8]), target=zeros)
+    np.savez(tmp_path / "limit.npz", phi0=zeros, target=beyond)
+    np.savez(tmp_path / "long.npz", phi0=np.zeros((3, 9)), target=np.zeros((3, 9)))
+    with (tmp_path / "array.npz").open("wb") as file:
+        np.save(file, zeros)
+    rng = np.random.default_rng(0)
+    np.savez_compressed(tmp_path / "damaged.npz", phi0=rng.random((30, 8)), target=zeros)
+    damaged = bytearray((tmp_path / "damaged.npz").read_bytes())
+    damaged[200:210] = b"\xff" * 10
+    (tmp_path / "damaged.npz").write_bytes(damaged)
+    return tmp_path
+
+
+def _arguments(case: str, folder: Path) -> list[str]:
+    arguments = case.replace("{tmp}", str(folder)).split()
+    return arguments if "--out" in arguments else [*arguments, "--out", str(folder / "out")]
+
+
+def _check_refusal(case: str, code: int, stdout: str, stderr: str) -> None:
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith("error: "), stderr
+    assert stderr.count("\n") == 1
+    assert stderr.endswith("\n")
+    assert re.search(BAD[case], stderr), stderr
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input__is_refused_in_one_line(
+    case: str, bad_files: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = _tree(bad_files)
+    monkeypatch.setattr(sys, "argv", ["evaluate", *_arguments(case, bad_files)])
+    try:
+        code = command.main()
+    except SystemExit as end:
+        code = int(end.code or 0)
+    _check_refusal(case, code, *capfd.readouterr())
+    assert _tree(bad_files) == before
+
+
+@pytest.mark.parametrize("case", PROCESSES)
+def test_bad_input__ends_the_process_with_2(case: str, bad_files: Path) -> None:
+    before = _tree(bad_files)
+    done = _run(*_arguments(case, bad_files))
+    _check_refusal(case, done.returncode, done.stdout, done.stderr)
+    assert _tree(bad_files) == before
+
+
+@pytest.mark.parametrize(
+    ("case", "hint"),
+    [
+        ("random --worker 2", "--workers"),
+        ("random --engine rays", "'ray'"),
+        ("random --tasks", "--tasks"),
+        ("random --workers two", "'two'"),
+    ],
+)
+def test_bad_option__is_refused_with_a_hint(
+    case: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path / "out"), *case.split()])
+    with pytest.raises(SystemExit) as end:
+        command.main()
+    assert end.value.code == 2
+    assert hint in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def _started(out: Path, workers: int) -> subprocess.Popen[str]:
+    """The long run, once some of its shards are on disk."""
+    process = _start(*LONG, out, "--workers", workers)
+    partial = out / "episodes.partial.jsonl"
+    deadline = time.monotonic() + 60
+    while not partial.exists() or partial.read_bytes().count(b"\n") < 3:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return process
+
+
+def _end(process: subprocess.Popen[str], number: int) -> tuple[str, str]:
+    """Sends a signal to the command and its workers, as a terminal does; what they printed.
+
+    The workers get it first: in a terminal, too, it is chance who is faster.
+    """
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(ProcessLookupError):
+            pid = int(entry.name)
+            if pid != process.pid and os.getpgid(pid) == process.pid:
+                os.kill(pid, number)
+    time.sleep(0.1)
+    os.killpg(process.pid, number)
+    return process.communicate(timeout=30)
+
+
+def _resume(out: Path, reference: Path) -> None:
+    _good(*LONG, out, "--workers", 2, "--resume")
+    assert (out / "episodes.csv").read_bytes() == (reference / "episodes.csv").read_bytes()
+    assert _figures(out) == _figures(reference)
+    assert {path.name for path in out.iterdir()} == {"episodes.csv", "summary.json"}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_run__keeps_what_it_has_and_resumes(
+    workers: int, reference: Path, tmp_path: Path
+) -> None:
+    process = _started(tmp_path / "out", workers)
+    stdout, stderr = _end(process, signal.SIGINT)
+    assert process.returncode == 130
+    assert "Traceback" not in stdout + stderr
+    rows, whole = _rows(tmp_path / "out"), _rows(reference)
+    assert 20 <= len(rows) < 150
+    assert len(rows) % 10 == 0
+    assert [row for row in whole if row in rows] == rows  # in order, and equal
+    assert _summary(tmp_path / "out")["policies"]["analytic"]["n"] == len(rows)
+    (message,) = stderr.splitlines()
+    assert f"{len(rows)} finished episodes" in message
+    if workers == 2:
+        _resume(tmp_path / "out", reference)
+
+
+def test_killed_run__resumes(reference: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = _started(out, 1)
+    _end(process, signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    assert {path.name for path in out.iterdir()} == {"episodes.partial.jsonl"}
+    with (out / "episodes.partial.jsonl").open("a") as file:
+        file.write('{"key": ["analytic", 14')  # torn off
+    _resume(out, reference)
+
+
+class _Failing(FirstFeasiblePolicy):
+    """Raises in its second decision on the tasks 1 and 12."""
+
+    def reset(self, seed: int | None = None) -> None:
+        self.decisions_left = 1 if seed in (1, 12) else 1000
+
+    def select_mode(self, state: SnakeState) -> int:
+        if self.decisions_left == 0:
+            raise ZeroDivisionError("no idea,\n\u00e9 either")
+        self.decisions_left -= 1
+        return super().select_mode(state)
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.setitem(POLICIES, "failing", _Failing)
+    handler = signal.getsignal(signal.SIGTERM)
+    yield "failing"
+    signal.signal(signal.SIGTERM, handler)
+
+
+def test_policy_that_raises__ends_its_episode_only(failing: str) -> None:
+    suite = random_suite(3, 3, PAPER)
+    states = [suite.initial(task, PAPER) for task in range(3)]
+    latencies: list[float] = []
+    row = run_episode(_Failing(PAPER), states[1], PAPER, 1, latencies)
+    assert (row["outcome"], row["intervals"], row["time_s"]) == ("error", 1, 3.0)
+    assert row["error"].startswith("ZeroDivisionError: no idea")
+    assert row["rollouts"] == 8
+    params = PAPER.replace(horizon=4)
+    result = run_shard(Shard(failing, [0, 1, 2], states, params))
+    assert [row["outcome"] == "error" for row in result.rows] == [False, True, False]
+    assert [row["intervals"] for row in result.rows] == [4, 1, 4]
+
+
+def test_policy_that_raises__is_reported_and_the_run_ends_well(
+    failing: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "out"
+    arguments = f"{failing} --tasks random:20:3 --workers 1 --set horizon=4 --out {out}"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
+    assert command.main() == 0
+    printed = capsys.readouterr().out
+    assert "failing raised on task 1: ZeroDivisionError" in printed
+    assert "2 error in phase 1" in printed
+    rows = _rows(out)
+    assert [int(row["task"]) for row in rows] == list(range(20))
+    assert [int(row["task"]) for row in rows if row["outcome"] == "error"] == [1, 12]
+    assert rows[12]["error"] == "ZeroDivisionError: no idea,\n\u00e9 either"
+    assert _summary(out)["policies"]["failing"]["outcomes"]["error"] == 2

@@ -1,0 +1,72 @@
+"""``python -m snake_env``."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from snake_env.__main__ import main
+
+
+def test_check__finds_this_installation_well(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check"]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("all well")
+
+
+def test_gif__shows_the_episode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "snake.gif"
+    arguments = ["gif", "--policy", "random", "--tasks", "random:3", "--task", "1"]
+    assert main([*arguments, "--out", str(path)]) == 0
+    assert str(path) in capsys.readouterr().out
+    with Image.open(path) as image:
+        assert image.n_frames > 5
+
+
+def play(lines: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
+    answers = iter(lines)
+
+    def answer(_: str) -> str:
+        try:
+            return next(answers)
+        except StopIteration:
+            raise EOFError from None
+
+    monkeypatch.setattr("builtins.input", answer)
+    return main(["play"])
+
+
+def test_play__takes_modes_wheels_and_advice(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert play(["a", "l", "85", "1", "2 up", "x", "5 7 up", "q"], monkeypatch) == 0
+    out = capsys.readouterr().out
+    assert "mode 85: lifts 3, 4, 5, 7" in out
+    assert "88 of 99 modes are feasible" in out
+    assert "mode 85: wheels 1, 3, 4, 5, 7 in the air" in out
+    assert out.count("valid in phase 2") == 2  # mode 1 and "2 up" are the same
+    assert "a number; ? for help" in out
+    assert "wheels 2, 5, 7 in the air" in out
+
+
+def test_play__ends_with_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert play(["85"], monkeypatch) == 130
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["gif", "--policy", "analytc"], "did you mean 'analytic'"),
+        (["gif", "--preset", "papr"], "did you mean 'paper'"),
+        (["gif", "--task", "1"], "task = 1: expected a row from 0 to 0"),
+        (["gif", "--out", "/nowhere/x.gif"], "a folder that exists"),
+        (["play", "--tasks", "sim1"], "did you mean 'sim-1'"),
+    ],
+)
+def test_bad_input__is_one_line(
+    arguments: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert hint in error

@@ -1,0 +1,177 @@
+"""The result folder: shards as they come, resuming, atomic files, refusals."""
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluate.protocol import ShardResult
+from evaluate.store import Store, write_atomically
+from snake_env.errors import InvalidInputError
+
+CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}
+
+
+def _result(policy: str, first: int, **changes: Any) -> ShardResult:
+    rows = [
+        {"policy": policy, "task": first + k, "time_s": 0.1 + k / 3, "cost": math.nan, **changes}
+        for k in range(10)
+    ]
+    return ShardResult(rows, [123.45, 6.78])
+
+
+def _store(folder: Path, *, resume: bool = False, overwrite: bool = False) -> Store:
+    return Store(folder, CONFIG, overwrite=overwrite, resume=resume)
+
+
+def _written(folder: Path) -> list[tuple[str, int]]:
+    with (folder / "episodes.csv").open(newline="") as file:
+        return [(row["policy"], int(row["task"])) for row in csv.DictReader(file)]
+
+
+def _names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_results__are_sorted_whatever_the_order_of_arrival(tmp_path: Path) -> None:
+    store = _store(tmp_path / "new" / "folder")
+    keys = [("a", 20), ("b", 10), ("a", 0), ("b", 0), ("a", 10), ("b", 20)]
+    for key in keys:
+        store.add(key, _result(*key))
+    store.write(["b", "a"], {"policies": {}}, complete=True)
+    expected = [(policy, task) for policy in "ba" for task in range(30)]
+    assert _written(tmp_path / "new" / "folder") == expected
+    assert [row["task"] for row in store.rows("a")] == list(range(30))
+    assert store.latencies("a") == [123.45, 6.78] * 3
+
+
+def test_complete_run__leaves_two_files_with_ordinary_rights(tmp_path: Path) -> None:
+    store = _store(tmp_path)
+    store.add(("a", 0), _result("a", 0))
+    assert _names(tmp_path) == {"episodes.partial.jsonl"}
+    store.write(["a"], {"policies": {"a": 1}}, complete=True)
+    assert _names(tmp_path) == {"episodes.csv", "summary.json"}
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o644}
+    assert json.loads((tmp_path / "summary.json").read_text()) == {"policies": {"a": 1}}
+
+
+def test_interrupted_run__keeps_its_shards_and_resumes(tmp_path: Path) -> None:
+    store = _store(tmp_path)
+    store.add(("a", 10), _result("a", 10))
+    store.write(["b", "a"], {}, complete=False)
+    assert _names(tmp_path) == {"episodes.csv", "summary.json", "episodes.partial.jsonl"}
+    again = _store(tmp_path, resume=True)
+    assert set(again.results) == {("a", 10)}
+    again.add(("a", 0), _result("a", 0))
+    again.write(["b", "a"], {}, complete=True)
+    resumed = (tmp_path / "episodes.csv").read_bytes()
+
+    whole = _store(tmp_path / "whole")
+    for first in (0, 10):
+        whole.add(("a", first), _result("a", first))
+    whole.write(["b", "a"], {}, complete=True)
+    assert (tmp_path / "whole" / "episodes.csv").read_bytes() == resumed
+
+
+@pytest.mark.parametrize("cut", [1, 2, 40, 10_000])
+def test_resume__drops_a_torn_last_line(tmp_path: Path, cut: int) -> None:
+    store = _store(tmp_path)
+    partial = tmp_path / "episodes.partial.jsonl"
+    for first in (0, 10):
+        store.add(("a", first), _result("a", first))
+    whole = partial.read_text()
+    last = len(whole.splitlines()[-1])
+    partial.write_text(whole[: -min(cut, last)])
+    again = _store(tmp_path, resume=True)
+    kept = {("a", 0)} if cut > 1 else {("a", 0), ("a", 10)}  # 1: only the line's end is missing
+    assert set(again.results) == kept
+    again.add(("a", 20), _result("a", 20))  # on a line of its own
+    assert set(_store(tmp_path, resume=True).results) == kept | {("a", 20)}
+
+
+def test_resumed_results__are_equal_to_the_digit(tmp_path: Path) -> None:
+    store = _store(tmp_path)
+    store.add(("a", 0), _result("a", 0, error="ValueError: \u2028 odd\n text"))
+    rows = _store(tmp_path, resume=True).rows("a")
+    assert [row["time_s"] for row in rows] == [row["time_s"] for row in store.rows("a")]
+    assert all(math.isnan(row["cost"]) for row in rows)
+    assert rows[0]["error"] == "ValueError: \u2028 odd\n text"
+
+
+@pytest.mark.parametrize(
+    "other", [{**CONFIG, "policies": ["a"]}, {**CONFIG, "params": {"l": 0.09}}, {}]
+)
+def test_resume__refuses_another_config(tmp_path: Path, other: dict[str, Any]) -> None:
+    _store(tmp_path).add(("a", 0), _result("a", 0))
+    before = (tmp_path / "episodes.partial.jsonl").read_bytes()
+    with pytest.raises(InvalidInputError, match="same policies, tasks and constants"):
+        Store(tmp_path, other, overwrite=False, resume=True)
+    assert (tmp_path / "episodes.partial.jsonl").read_bytes() == before
+
+
+def test_resume__refuses_a_folder_without_a_run_and_makes_none(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(InvalidInputError, match="interrupted run"):
+            _store(folder, resume=True)
+    assert not (tmp_path / "missing").exists()
+
+
+def test_existing_results__are_refused_or_overwritten(tmp_path: Path) -> None:
+    store = _store(tmp_path)
+    store.add(("a", 0), _result("a", 0))
+    store.write(["a"], {}, complete=True)
+    before = (tmp_path / "episodes.csv").read_bytes()
+    with pytest.raises(InvalidInputError, match="--overwrite"):
+        _store(tmp_path)
+    assert (tmp_path / "episodes.csv").read_bytes() == before
+    again = _store(tmp_path, overwrite=True)
+    assert again.results == {}
+    again.add(("b", 0), _result("b", 0))
+    again.write(["b"], {}, complete=True)
+    assert _written(tmp_path) == [("b", task) for task in range(10)]
+
+
+def test_overwrite__also_forgets_an_interrupted_run(tmp_path: Path) -> None:
+    _store(tmp_path).add(("a", 0), _result("a", 0))
+    _store(tmp_path, overwrite=True)
+    assert _store(tmp_path, resume=True).results == {}
+
+
+def test_folder_below_a_file__is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InvalidInputError, match=r"out = .*: expected a folder to write to"):
+            _store(folder)
+
+
+def test_store_without_folder__writes_nothing(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    store = Store(None, CONFIG, overwrite=False, resume=False)
+    store.add(("a", 0), _result("a", 0))
+    store.write(["a"], {}, complete=True)
+    assert len(store.rows("a")) == 10
+    assert _names(tmp_path) == set()
+
+
+def test_write_atomically__replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with path.open() as reader:
+        write_atomically(path, "new\n")
+        assert reader.read() == "old"  # whoever had it open still reads the old one
+    assert path.read_bytes() == b"new\n"
+    assert _names(tmp_path) == {"file"}
+
+
+def test_write_atomically__that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with pytest.raises(UnicodeEncodeError):
+        write_atomically(path, "new \ud800")
+    assert path.read_text() == "old"
+    assert _names(tmp_path) == {"file"}
