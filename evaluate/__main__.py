@@ -23,8 +23,9 @@ from evaluate.protocol import Shard, check_policy, run_shard
 from evaluate.statistics import summarise
 from evaluate.store import Store
 from evaluate.table import failure_lines, result_table
-from snake_env.errors import MissingDependencyError, SnakeEnvError
+from snake_env.errors import SnakeEnvError
 from snake_env.kernel import get_kernel
+from snake_env.params import SnakeParams
 from snake_env.tasks import TaskSuite, load_tasks
 
 _SHARD_TASKS = 10
@@ -51,9 +52,10 @@ def evaluate(options: Options) -> int:
     Raises:
         SnakeEnvError: The options can't be used.
     """
+    params = options.check()
     for name in options.policies:
-        check_policy(name, options.params)
-    suite = load_tasks(options.tasks, options.params)
+        check_policy(name, params)
+    suite = load_tasks(options.tasks, params)
     config = {
         "policies": list(options.policies),
         "tasks": {
@@ -62,14 +64,12 @@ def evaluate(options: Options) -> int:
             "hash": joblib.hash((suite.phi0, suite.target)),
         },
         "preset": options.preset,
-        "params": dataclasses.asdict(options.params),
+        "params": dataclasses.asdict(params),
     }
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
-    get_kernel(
-        options.params.n_joints, options.params.head_contact
-    )  # compiled once, before workers
+    get_kernel(params.n_joints, params.head_contact)  # compiled once, before workers
     console = Console(width=None if sys.stdout.isatty() else 190, highlight=False)
-    shards = [shard for name in options.policies for shard in _shards(name, suite, options)]
+    shards = [shard for name in options.policies for shard in _shards(name, suite, params)]
     shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     began = time.monotonic()
@@ -77,8 +77,9 @@ def evaluate(options: Options) -> int:
     try:
         _run(shards, store, options, console)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a worker's may come before our own
         complete = False
-    summary = _summary(options, config, store)
+    summary = _summary(options, config, store, params)
     store.write(options.policies, summary, complete=complete)
     if not complete:
         done = sum(len(result.rows) for result in store.results.values())
@@ -98,16 +99,16 @@ def evaluate(options: Options) -> int:
         if options.pictures:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
 
-            draw_all(options.out, options.policies, store, options.params)
+            draw_all(options.out, options.policies, store, params)
         console.print(f"results: {options.out}/", soft_wrap=True)
     return 0
 
 
-def _shards(policy: str, suite: TaskSuite, options: Options) -> Iterable[Shard]:
+def _shards(policy: str, suite: TaskSuite, params: SnakeParams) -> Iterable[Shard]:
     for first in range(0, len(suite), _SHARD_TASKS):
         tasks = list(range(first, min(first + _SHARD_TASKS, len(suite))))
-        states = [suite.initial(task, options.params) for task in tasks]
-        yield Shard(policy, tasks, states, options.params)
+        states = [suite.initial(task, params) for task in tasks]
+        yield Shard(policy, tasks, states, params)
 
 
 def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:
@@ -134,20 +135,20 @@ def _keyed(shard: Shard) -> tuple[str, int, Any]:
 def _backend(engine: str) -> dict[str, Any]:
     if engine == "local":
         return {"backend": "loky"}
-    try:
-        from ray.util.joblib import register_ray
-    except ImportError:
-        raise MissingDependencyError("--engine ray needs Ray: pip install ray") from None
+    from ray.util.joblib import register_ray
+
     register_ray()
     return {"backend": "ray"}
 
 
-def _summary(options: Options, config: dict[str, Any], store: Store) -> dict[str, Any]:
+def _summary(
+    options: Options, config: dict[str, Any], store: Store, params: SnakeParams
+) -> dict[str, Any]:
     policies = {}
     for name in options.policies:
         rows = store.rows(name)
         if rows:
-            policies[name] = summarise(rows, store.latencies(name), options.params)
+            policies[name] = summarise(rows, store.latencies(name), params)
     return {
         "policies": policies,
         **{key: config[key] for key in ("tasks", "preset", "params")},

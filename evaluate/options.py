@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, MissingDependencyError
 from snake_env.params import SnakeParams
 
 Assignments = tyro.conf.UseAppendAction[
@@ -46,25 +47,28 @@ class Options:
     """What runs the workers: processes of this machine, or a Ray cluster."""
     pictures: bool = True
     """Draw the pictures, too (needs --out)."""
-    params: tyro.conf.Suppress[SnakeParams] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "params", SnakeParams.preset(self.preset, **parse_overrides(self.set))
-        )
-        if self.workers == 0 or self.workers < -1:
-            raise InvalidInputError(
-                "workers", self.workers, "a positive number, or -1 for all cores"
-            )
-        if self.out is None and (self.overwrite or self.resume):
-            raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
-        if self.overwrite and self.resume:
-            raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
+    def check(self) -> SnakeParams:
+        """The constants that the options ask for.
+
+        Raises:
+            SnakeEnvError: An option's value can't be used, or two options contradict each other.
+        """
         if not self.policies:
             raise InvalidInputError("POLICY", self.policies, "at least one policy")
         for position, name in enumerate(self.policies):
             if name in self.policies[:position]:
                 raise InvalidInputError("POLICY", name, "each policy once")
+        if self.workers == 0 or self.workers < -1:
+            expected = "a positive number, or -1 for all cores"
+            raise InvalidInputError("workers", self.workers, expected)
+        if self.out is None and (self.overwrite or self.resume):
+            raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
+        if self.overwrite and self.resume:
+            raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
+        if self.engine == "ray" and importlib.util.find_spec("ray") is None:
+            raise MissingDependencyError("--engine ray needs Ray: pip install ray")
+        return SnakeParams.preset(self.preset, **parse_overrides(self.set))
 
 
 def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:

@@ -43,14 +43,15 @@ class Store:
         if folder is None:
             return
         self._partial = folder / "episodes.partial.jsonl"
+        if resume and not self._partial.is_file():
+            raise InvalidInputError("resume", str(folder), "a folder with an interrupted run")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except OSError as error:
-            raise InvalidInputError(
-                "out", str(folder), f"a folder to write to ({error.strerror})"
-            ) from None
+            expected = f"a folder to write to ({error.strerror})"
+            raise InvalidInputError("out", str(folder), expected) from None
         header = json.dumps({"config": config})
         if resume:
             self._read(header)
@@ -99,12 +100,7 @@ class Store:
         return json.dumps({"key": key, "rows": result.rows, "latencies_us": latencies})
 
     def _read(self, header: str) -> None:
-        try:
-            lines = self._partial.read_text(encoding="utf-8").splitlines()
-        except OSError:
-            raise InvalidInputError(
-                "resume", str(self.folder), "a folder with an interrupted run"
-            ) from None
+        lines = self._partial.read_text(encoding="utf-8").splitlines()
         if not lines or lines[0] != header:
             raise InvalidInputError(
                 "resume", str(self.folder), "a run with the same policies, tasks and constants"
@@ -122,9 +118,14 @@ class Store:
 
 def write_atomically(path: Path, text: str) -> None:
     """Writes a text file so that a reader sees the old one or the whole new one."""
-    with tempfile.NamedTemporaryFile(
+    file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
         "w", dir=path.parent, encoding="utf-8", newline="", delete=False
-    ) as file:
-        file.write(text)
-    os.chmod(file.name, 0o644)
-    os.replace(file.name, path)
+    )
+    try:
+        with file:
+            file.write(text)
+        os.chmod(file.name, 0o644)
+        os.replace(file.name, path)
+    except BaseException:
+        Path(file.name).unlink(missing_ok=True)
+        raise

@@ -46,7 +46,7 @@ def emit(loop: Trace, last: Trace, rows: int, running: int, clock_width: int, la
         clock_width: Numbers in a row of the clock.
         lanes: Lanes in a block.
     """
-    vector = f"<{lanes} x double>"
+    vector, align = f"<{lanes} x double>", min(64, 8 * lanes)
     return "\n".join(
         (
             f"declare {vector} @llvm.sqrt.v{lanes}f64({vector})",
@@ -68,7 +68,7 @@ def emit(loop: Trace, last: Trace, rows: int, running: int, clock_width: int, la
             "  %now = getelementptr double, ptr %clock, i64 %s.offset",
             *_straight_line(loop, "a", lanes),
             f"  %running.p = getelementptr double, ptr %lanes, i64 {running * lanes}",
-            f"  %running.v = load {vector}, ptr %running.p, align 64",
+            f"  %running.v = load {vector}, ptr %running.p, align {align}",
             f"  %running = fcmp oeq {vector} %running.v, zeroinitializer",
             f"  %running.bits = bitcast <{lanes} x i1> %running to i{lanes}",
             f"  %any = icmp ne i{lanes} %running.bits, 0",
@@ -96,6 +96,7 @@ def _straight_line(trace: Trace, prefix: str, lanes: int) -> list[str]:
     """The trace's instructions, each value named after its position."""
     vector, mask = f"<{lanes} x double>", f"<{lanes} x i1>"
     ones = f"<{', '.join(['i1 true'] * lanes)}>"
+    align = min(64, 8 * lanes)  # blocks start at multiples of 64 bytes, rows follow each other
     lines: list[str] = []
 
     def name(position: int | float) -> str:
@@ -125,7 +126,7 @@ def _straight_line(trace: Trace, prefix: str, lanes: int) -> list[str]:
             lines.append(
                 f"  {result}.p = getelementptr double, ptr %lanes, i64 {int(operands[0]) * lanes}"
             )
-            lines.append(f"  {result} = load {vector}, ptr {result}.p, align 64")
+            lines.append(f"  {result} = load {vector}, ptr {result}.p, align {align}")
         elif kind in ("shared", "clock"):
             scalar(result, "%shared" if kind == "shared" else "%now", int(operands[0]))
         else:
@@ -135,7 +136,7 @@ def _straight_line(trace: Trace, prefix: str, lanes: int) -> list[str]:
     for row, position in trace.stores:
         pointer = f"%{prefix}store{row}"
         lines.append(f"  {pointer} = getelementptr double, ptr %lanes, i64 {row * lanes}")
-        lines.append(f"  store {vector} {name(position)}, ptr {pointer}, align 64")
+        lines.append(f"  store {vector} {name(position)}, ptr {pointer}, align {align}")
     return lines
 
 
@@ -224,7 +225,11 @@ def _write_cache(path: Path, code: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(hashlib.sha256(code).digest() + code)
-        os.replace(file.name, path)
+        try:
+            os.replace(file.name, path)
+        except OSError:
+            os.unlink(file.name)
+            raise
     except OSError as error:
         warnings.warn(
             f"can't keep compiled code in {path.parent} ({error.strerror}): every process compiles "

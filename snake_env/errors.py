@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import operator
 from collections.abc import Iterable
 from typing import Any
+
+import numpy as np
 
 
 class SnakeEnvError(Exception):
@@ -48,6 +51,16 @@ class UnknownNameError(SnakeEnvError, LookupError):
         near = difflib.get_close_matches(str(self.name), self.known, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return f"unknown {self.kind} {self.name!r}: {hint}known: {', '.join(self.known)}"
+
+
+def as_integer(value: Any) -> int | None:
+    """The value as a plain integer; None if it is none (floats, texts and truth values are not)."""
+    if isinstance(value, (bool, np.bool_)):
+        return None
+    try:
+        return operator.index(value)
+    except TypeError:
+        return None
 
 
 class InvalidModeError(InvalidInputError):

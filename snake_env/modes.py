@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.errors import InvalidInputError, InvalidModeError
+from snake_env.errors import InvalidInputError, InvalidModeError, as_integer
 from snake_env.params import N_JOINTS_RANGE
 
 MIN_GROUNDED = 3  # axles that must stay on the ground
@@ -34,7 +34,8 @@ class ModeTable:
 
     def __init__(self, n_joints: int) -> None:
         low, high = N_JOINTS_RANGE
-        if not low <= n_joints <= high:
+        given = as_integer(n_joints)
+        if given is None or not low <= given <= high:
             raise InvalidInputError("n_joints", n_joints, f"an integer from {low} to {high}")
         self.n_joints = n_joints
         most = n_joints - 1 - MIN_GROUNDED
@@ -70,7 +71,8 @@ class ModeTable:
         Raises:
             InvalidInputError: The phase is out of range.
         """
-        if not 1 <= phase <= self.n_joints + 1:
+        given = as_integer(phase)
+        if given is None or not 1 <= given <= self.n_joints + 1:
             raise InvalidInputError("phase", phase, f"an integer from 1 to {self.n_joints + 1}")
         mask: NDArray[np.bool_] = self._masks[phase - 1]
         return mask
@@ -93,11 +95,13 @@ class ModeTable:
         Raises:
             InvalidModeError: No mode lifts these wheels.
         """
-        key = tuple(sorted(int(wheel) for wheel in wheels))
-        if key not in self._index:
+        given = list(wheels)
+        numbers = [number for wheel in given if (number := as_integer(wheel)) is not None]
+        key = tuple(sorted(numbers))
+        if key not in self._index or len(key) < len(given):
             most = self.n_joints - 1 - MIN_GROUNDED
             expected = f"at most {most} different wheels from 2 to {self.n_joints}"
-            raise InvalidModeError("wheels", list(key), expected)
+            raise InvalidModeError("wheels", given, expected)
         return self._index[key]
 
     def check(self, mode: int, phase: int) -> int:
@@ -106,11 +110,9 @@ class ModeTable:
         Raises:
             InvalidModeError: The index is out of range, or lifts the SCP's wheel or one before it.
         """
-        if isinstance(mode, bool) or not hasattr(mode, "__index__"):
+        index = as_integer(mode)
+        if index is None or not 0 <= index < len(self):
             raise InvalidModeError("mode", mode, f"an integer from 0 to {len(self) - 1}")
-        index = int(mode)
-        if not 0 <= index < len(self):
-            raise InvalidModeError("mode", index, f"an integer from 0 to {len(self) - 1}")
         if not self.mask(phase)[index]:
             wheels = ", ".join(str(wheel) for wheel in self.wheels[index] if wheel)
             raise InvalidModeError(

@@ -6,11 +6,14 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
-from snake_env.errors import InvalidInputError, UnknownNameError
+import numpy as np
+
+from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 
 N_JOINTS_RANGE = (5, 16)
+MAX_STEPS = 1_000_000  # sub-steps in an interval
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class SnakeParams:
         if self.phi_limit >= math.pi:
             raise InvalidInputError("phi_limit", self.phi_limit, "less than pi")
         steps = self.delta_t / self.dt
-        if abs(steps - round(steps)) > 1e-9 * steps or round(steps) < 1:
+        if not 1 <= steps <= MAX_STEPS or abs(steps - round(steps)) > 1e-9 * steps:
             raise InvalidInputError("dt", self.dt, f"a divisor of delta_t = {self.delta_t}")
 
     @classmethod
@@ -143,22 +146,28 @@ def _checked_type(name: str, value: Any, default: Any) -> Any:
             raise InvalidInputError(name, value, "True or False")
         return value
     if isinstance(default, int):
-        if isinstance(value, bool) or not hasattr(value, "__index__"):
+        integer = as_integer(value)
+        if integer is None:
             raise InvalidInputError(name, value, "an integer")
-        return int(value)
+        return integer
     if isinstance(default, tuple):
-        wanted = f"{len(default)} finite numbers"
-        try:
-            numbers = tuple(float(number) for number in value)
-        except (TypeError, ValueError):
-            raise InvalidInputError(name, value, wanted) from None
-        if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
-            raise InvalidInputError(name, value, wanted)
+        is_sequence = hasattr(value, "__len__") and not isinstance(value, (str, bytes))
+        numbers = tuple(map(_finite, value)) if is_sequence else ()
+        if len(numbers) != len(default) or None in numbers:
+            raise InvalidInputError(name, value, f"{len(default)} finite numbers")
         return numbers
-    try:
-        number = float(cast(float, value))
-    except (TypeError, ValueError):
-        number = math.nan
-    if isinstance(value, (bool, str)) or not math.isfinite(number):
+    number = _finite(value)
+    if number is None:
         raise InvalidInputError(name, value, "a finite number")
     return number
+
+
+def _finite(value: Any) -> float | None:
+    """The value as a float; None if it is no finite number (texts and truth values are none)."""
+    if isinstance(value, (bool, np.bool_, str, bytes)):
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None

@@ -320,9 +320,12 @@ def _check_states(states: StateBatch, modes: IntArray, params: SnakeParams) -> N
     if len(states) == 0:
         return
     n = params.n_joints
-    if states.phi.shape[1] != n or states.target.shape[1] != n:
-        raise InvalidInputError("state.phi", states.phi.shape[1], f"n_joints = {n} joint angles")
-    for name in ("w", "phi", "target", "phase_time", "ref_start"):
+    for name, length in (("phi", n), ("target", n), ("w", 3)):
+        found = getattr(states, name).shape[1]
+        if found != length:
+            expected = "3 numbers" if name == "w" else f"n_joints = {n} joint angles"
+            raise InvalidInputError(f"state.{name}", found, expected)
+    for name in ("w", "phi", "target", "phase_time", "ref_start", "elapsed"):
         value = getattr(states, name)
         if not np.isfinite(value).all():
             raise InvalidInputError(

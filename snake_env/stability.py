@@ -13,6 +13,14 @@ def _cross(a: Point, b: Point) -> Scalar:
     return a[0] * b[1] - a[1] * b[0]
 
 
+def _dot(a: Point, b: Point) -> Scalar:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def _choose(condition: Bool, if_true: Point, if_false: Point) -> Point:
+    return select(condition, if_true[0], if_false[0]), select(condition, if_true[1], if_false[1])
+
+
 def contacts(body: Body, p: SnakeParams) -> list[tuple[int, Point]]:
     """Points that may touch the ground: ``(0, W_0)``, then ``(k, left)``, ``(k, right)`` per axle.
 
@@ -32,7 +40,9 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
 
     Seen from the centre of gravity, the contacts met so far fill a wedge from direction ``right`` to
     direction ``left``. It grows contact by contact until one falls opposite to it: then, and only
-    then, the contacts surround the centre of gravity. No hull has to be built.
+    then, the contacts surround the centre of gravity. No hull has to be built. As long as all contacts
+    lie on one ``line`` through the centre of gravity, the first one beside it decides to which side
+    the wedge opens.
 
     Args:
         body: The robot's body.
@@ -42,6 +52,7 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
     cx, cy = centre_of_gravity(body)
     surrounded: Bool = False
     started: Bool = False
+    line: Bool = False
     right: Point = (0.0, 0.0)
     left: Point = (0.0, 0.0)
     for k, (x, y) in contacts(body, p):
@@ -52,9 +63,13 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
         of_right, of_left = _cross(right, point), _cross(left, point)
         outside_right, outside_left = of_right < 0.0, of_left > 0.0
         surrounded = either(surrounded, both(continues, both(outside_right, outside_left)))
-        to_left = either(begins, both(continues, both(outside_left, negate(outside_right))))
-        to_right = either(begins, both(continues, both(outside_right, negate(outside_left))))
-        left = (select(to_left, point[0], left[0]), select(to_left, point[1], left[1]))
-        right = (select(to_right, point[0], right[0]), select(to_right, point[1], right[1]))
+        to_left = both(continues, both(outside_left, negate(outside_right)))
+        to_right = both(continues, both(outside_right, negate(outside_left)))
+        new_left = _choose(line, (-right[0], -right[1]), point)
+        new_right = _choose(line, (-left[0], -left[1]), point)
+        left = _choose(to_left, new_left, _choose(begins, point, left))
+        right = _choose(to_right, new_right, _choose(begins, point, right))
+        on_line = both(both(of_right == 0.0, of_left == 0.0), _dot(right, point) < 0.0)
+        line = both(either(line, both(continues, on_line)), negate(either(to_left, to_right)))
         started = either(started, touches)
     return surrounded

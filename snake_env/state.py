@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, as_integer
 from snake_env.kinematics import d_min
 from snake_env.params import SnakeParams
 
@@ -120,7 +120,15 @@ class StateBatch:
 
     @classmethod
     def stack(cls, states: Sequence[SnakeState]) -> StateBatch:
-        """A batch of the given states, copied."""
+        """A batch of the given states, copied.
+
+        Raises:
+            InvalidInputError: A phase or a mode is not an integer.
+        """
+        for name, dtype in _FIELDS.items():
+            for state in states if dtype is np.int64 else ():
+                if as_integer(getattr(state, name)) is None:
+                    raise InvalidInputError(f"state.{name}", getattr(state, name), "an integer")
         return cls(
             **{
                 name: np.array([getattr(state, name) for state in states], dtype=dtype)
@@ -184,9 +192,12 @@ def checked_shape(field: str, shape: ArrayLike, params: SnakeParams) -> FloatArr
         InvalidInputError: Wrong length, not finite, beyond the joint limits, or self-colliding.
     """
     try:
-        phi = np.array(shape, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInputError(field, shape, f"{params.n_joints} joint angles [rad]") from None
+        given = np.array(0.0 if shape is None else shape)
+        phi = given.astype(np.float64) if given.dtype.kind in "fiuO" else None
+    except (TypeError, ValueError, OverflowError):
+        phi = None
+    if phi is None:
+        raise InvalidInputError(field, shape, f"{params.n_joints} joint angles [rad]")
     if phi.shape != (params.n_joints,):
         raise InvalidInputError(
             f"{field}.shape", phi.shape, f"({params.n_joints},), one angle per joint"

@@ -316,6 +316,18 @@ def test_bad_input__ends_the_process_with_2(case: str, bad_files: Path) -> None:
     assert _tree(bad_files) == before
 
 
+def test_missing_ray__is_named_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    out = tmp_path / "out"
+    arguments = f"random --tasks random:2:1 --engine ray --out {out}"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
+    assert command.main() == 2
+    assert capfd.readouterr() == ("", "error: --engine ray needs Ray: pip install ray\n")
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("case", "hint"),
     [
@@ -341,7 +353,7 @@ def _started(out: Path, workers: int) -> subprocess.Popen[str]:
     process = _start(*LONG, out, "--workers", workers)
     partial = out / "episodes.partial.jsonl"
     deadline = time.monotonic() + 60
-    while not partial.exists() or partial.read_bytes().count(b"\n") < 3:
+    while not partial.exists() or partial.read_bytes().count(b"\n") < 5:
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.005)
@@ -364,7 +376,13 @@ def _end(process: subprocess.Popen[str], number: int) -> tuple[str, str]:
 
 
 def _resume(out: Path, reference: Path) -> None:
-    _good(*LONG, out, "--workers", 2, "--resume")
+    left = 150 - sum(
+        len(json.loads(line)["rows"])
+        for line in (out / "episodes.partial.jsonl").read_text().splitlines()[1:]
+        if line.endswith("}")
+    )
+    printed = _good(*LONG, out, "--workers", 2, "--resume")
+    assert f"\n{left} episodes in " in printed
     assert (out / "episodes.csv").read_bytes() == (reference / "episodes.csv").read_bytes()
     assert _figures(out) == _figures(reference)
     assert {path.name for path in out.iterdir()} == {"episodes.csv", "summary.json"}
@@ -379,7 +397,7 @@ def test_interrupted_run__keeps_what_it_has_and_resumes(
     assert process.returncode == 130
     assert "Traceback" not in stdout + stderr
     rows, whole = _rows(tmp_path / "out"), _rows(reference)
-    assert 20 <= len(rows) < 150
+    assert 40 <= len(rows) < 150
     assert len(rows) % 10 == 0
     assert [row for row in whole if row in rows] == rows  # in order, and equal
     assert _summary(tmp_path / "out")["policies"]["analytic"]["n"] == len(rows)
@@ -433,6 +451,7 @@ def test_policy_that_raises__ends_its_episode_only(failing: str) -> None:
     result = run_shard(Shard(failing, [0, 1, 2], states, params))
     assert [row["outcome"] == "error" for row in result.rows] == [False, True, False]
     assert [row["intervals"] for row in result.rows] == [4, 1, 4]
+    assert [row["rollouts"] for row in result.rows] == [32, 8, 32]
 
 
 def test_policy_that_raises__is_reported_and_the_run_ends_well(

@@ -13,7 +13,17 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-HEAVY = {"torch", "stable_baselines3", "matplotlib", "scipy", "joblib", "rich", "tyro", "pygame"}
+HEAVY = {
+    "torch",
+    "stable_baselines3",
+    "matplotlib",
+    "scipy",
+    "joblib",
+    "rich",
+    "tyro",
+    "pygame",
+    "moviepy",
+}
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from snake_env.drawing import BODY, INK, LIFTED, SUPPORT
 from snake_env.modes import mode_table
 from snake_env.simulation import predict
 from snake_env.tasks import random_suite
-from tests.conftest import PAPER, random_state, sim_1_episode
+from tests.conftest import PAPER, all_lifted, random_state, sim_1_episode
 
 PHASE_3 = mode_table(8).valid(3)
 
@@ -149,7 +149,7 @@ def test_figure_5__colours_the_band_by_the_wheels() -> None:
         box = bar.get_paths()[0].get_extents()
         k, wheel = int(box.x0 // 3 + 0.5), round((box.y0 + box.y1) / 2)
         assert (box.x0, box.x1) == (3.0 * k, 3.0 * k + 3.0)
-        lifted = played.lifted(k, PAPER)[wheel - 1]
+        lifted = all_lifted(played.states[k], played.modes[k])[wheel - 1]
         colour = INK if wheel == played.states[k].phase else LIFTED if lifted else SUPPORT
         assert same_color(bar.get_facecolor()[0], colour)
         seen[colour] += 1

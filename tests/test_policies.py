@@ -137,6 +137,10 @@ def test_analytic_14__exists_for_8_joints_only() -> None:
 
 
 def test_first_feasible__is_the_first_and_predicts_no_more_blocks_than_it_must() -> None:
+    for phase, valid in enumerate(VALID[4:], start=5):  # one block, not always a full one
+        policy = load_policy("first-feasible")
+        policy.select_mode(random_state(0, PAPER, phase))
+        assert policy.rollouts == valid
     places = set()
     for seed in range(2000):
         state = random_state(seed, PAPER, 1 + seed % 3, head_error=0.5)

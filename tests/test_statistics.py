@@ -130,5 +130,7 @@ def test_summary__of_one_row_without_decisions_or_cost() -> None:
 
 def test_restricted_mean__stops_at_the_horizon_of_the_constants() -> None:
     params = PAPER.replace(horizon=5)
-    summary = summarise([_row(time_s=12.0), _row("deadlock", 6.0)], [1.0], params)
-    assert summary["restricted_mean_time_s"] == (12 + 15) / 2
+    rows = [_row(time_s=12.0), _row("deadlock", 6.0), _row(time_s=21.0)]
+    summary = summarise(rows, [1.0], params)
+    assert summary["restricted_mean_time_s"] == (12 + 15 + 15) / 3
+    assert summary["time_s"]["max"] == 21.0
