@@ -44,6 +44,9 @@ def main() -> int:
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
 
 
 def evaluate(options: Options) -> int:

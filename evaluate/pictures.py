@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import matplotlib.ticker
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -105,8 +106,10 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
     times = np.concatenate(
         [s.elapsed + m.t[:-1] for s, m in zip(played.states, played.motions, strict=False)]
     )
-    phi = np.concatenate([motion.phi[:-1] for motion in played.motions])
-    w = np.concatenate([motion.w[:-1] for motion in played.motions])
+    end = played.states[-1]
+    ends = np.append(times, end.elapsed)
+    phi = np.concatenate([*(motion.phi[:-1] for motion in played.motions), end.phi[None]])
+    w = np.concatenate([*(motion.w[:-1] for motion in played.motions), end.w[None]])
     u = np.concatenate([motion.u for motion in played.motions])
     target = played.states[0].target
     figure = Figure(figsize=(11, 12), layout="constrained")
@@ -116,7 +119,7 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
     for k in range(n):
         row, column = 1 + k // 2, 2 * (k % 2)
         left = figure.add_subplot(grid[row, column], sharex=band)
-        left.plot(times, phi[:, k], color=GROUNDED, lw=1.3)
+        left.plot(ends, phi[:, k], color=GROUNDED, lw=1.3)
         left.axhline(target[k], color=TARGET, lw=1, ls=":")
         for sign in (-1, 1):
             left.axhline(sign * params.phi_limit, color=LIFTED, lw=0.9, ls=(0, (5, 3)))
@@ -132,7 +135,7 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
     names = ("$x_0$ [m]", "$y_0$ [m]", r"$\theta_0 - \pi$ [rad]")
     for axis, (name, colour) in enumerate(zip(names, (GROUNDED, TARGET, GRAVITY), strict=True)):
         last.plot(
-            times, w[:, axis] - params.w_d[axis], lw=1.6 - 0.4 * axis, color=colour, label=name
+            ends, w[:, axis] - params.w_d[axis], lw=1.6 - 0.4 * axis, color=colour, label=name
         )
     last.set_ylim(-0.1, 0.1)
     last.set_ylabel("head error")
@@ -148,6 +151,9 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
 def _mode_band(ax: Any, played: Replay, params: SnakeParams) -> None:
     """Which wheels are in the air over time, and the phases."""
     n = params.n_joints
+    duration = played.states[-1].elapsed
+    room = duration / 16  # what a label needs
+    labelled = -room
     for k, (state, motion) in enumerate(zip(played.states, played.motions, strict=False)):
         span = (state.elapsed, float(motion.t[-1]))
         for wheel, up in enumerate(played.lifted(k, params), start=1):
@@ -158,6 +164,9 @@ def _mode_band(ax: Any, played: Replay, params: SnakeParams) -> None:
             )
         if k == 0 or played.states[k - 1].phase != state.phase:
             ax.axvline(state.elapsed, color=INK, lw=0.8, ls=":")
+            if state.elapsed - labelled < room or duration - state.elapsed < room:
+                continue
+            labelled = state.elapsed
             ax.annotate(
                 f"phase {state.phase}", (state.elapsed, n + 0.75), fontsize=8, color=INK,
                 xytext=(2, 0), textcoords="offset points", annotation_clip=False,
@@ -165,7 +174,8 @@ def _mode_band(ax: Any, played: Replay, params: SnakeParams) -> None:
     ax.set_ylim(0.4, n + 1.4)
     ax.set_yticks(range(1, n + 1))
     ax.set_ylabel("wheel")
-    ax.set_xlim(0.0, played.states[-1].elapsed)
+    ax.set_xlim(0.0, duration)
+    ax.xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(7))
     handles = [
         matplotlib.patches.Patch(color=colour, label=label)
         for colour, label in ((INK, "SCP (lifted)"), (LIFTED, "lifted"), (SUPPORT, "grounded"))

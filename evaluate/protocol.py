@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_env.episode import Episode
+from snake_env.episode import Episode, EpisodeSummary
 from snake_env.errors import UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -23,6 +23,13 @@ SKID = "skid"
 
 Row = dict[str, Any]
 """An episode as a row of ``episodes.csv``."""
+
+COLUMNS = (
+    *("policy", "task"),
+    *(field.name for field in dataclasses.fields(EpisodeSummary)),
+    *("rollouts", "modes", "error"),
+)
+"""The keys of a row."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from evaluate.protocol import Row, ShardResult
+from evaluate.protocol import COLUMNS, Row, ShardResult
 from snake_env.errors import InvalidInputError
 
 Key = tuple[str, int]
@@ -60,6 +60,9 @@ class Store:
             raise InvalidInputError(
                 "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
             )
+        for pattern in ("episodes.csv", "summary.json", "fig4-*.png", "sim-1-*.png"):
+            for stale in folder.glob(pattern):
+                stale.unlink()
         self._partial.write_text(header + "\n", encoding="utf-8")
 
     def add(self, key: Key, result: ShardResult) -> None:
@@ -85,10 +88,9 @@ class Store:
             return
         rows = [row for policy in policies for row in self.rows(policy)]
         text = io.StringIO()
-        if rows:
-            writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
         write_atomically(self.folder / "episodes.csv", text.getvalue())
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         if complete:

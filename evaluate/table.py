@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 from rich.table import Table
 
 from evaluate.statistics import wilson95
+from snake_env.params import SnakeParams
 
 # Section V of the paper: 496 of 500 succeed, in 27 to 180 s, with d_min = 0.18 m.
 _PAPER = ("the paper (quoted)", 496, 500)
@@ -29,7 +31,7 @@ def result_table(summary: dict[str, Any]) -> Table:
         "us per decision p50 / p95",
     ):
         table.add_column(name, justify="right")
-    if summary["preset"] == "paper":
+    if summary["params"] == dataclasses.asdict(SnakeParams()):
         name, successes, n = _PAPER
         table.add_row(
             *(

@@ -82,22 +82,21 @@ class Episodes:
             values[indices] = 0.0
         self._figures["d_min"][indices] = np.inf
         self._figures["max_abs_phi"][indices] = np.abs(states.phi).max(axis=1)
+        self._note_head_error(indices, states)
 
     def record(self, indices: IntArray, after: StateBatch, prediction: Prediction) -> None:
         """Takes note of executed intervals (a lane each) and of the states that they led to."""
         before = self._states.phi[indices]
         self._states = self._states.put(indices, after)
         self._intervals[indices] += 1
-        error = after.w - self.params.w_d
         figures = self._figures
         figures["cost_integral"][indices] += prediction.cost
         for name, combine, values in (
             ("d_min", np.minimum, prediction.d_min),
             ("max_abs_phi", np.maximum, prediction.max_abs_phi),
-            ("head_error_m", np.maximum, np.hypot(error[:, 0], error[:, 1])),
-            ("head_error_rad", np.maximum, np.abs(error[:, 2])),
         ):
             figures[name][indices] = combine(figures[name][indices], values)
+        self._note_head_error(indices, after)
         moved = np.abs(after.phi - before).max(axis=1)
         self.outcome[indices] = np.select(
             [
@@ -110,6 +109,11 @@ class Episodes:
             [prediction.violation, "collision", "success", "deadlock", "horizon"],
             default="",
         )
+
+    def _note_head_error(self, indices: IntArray, states: StateBatch) -> None:
+        x, y, theta = (states.w - self.params.w_d).T
+        for name, size in (("head_error_m", np.hypot(x, y)), ("head_error_rad", np.abs(theta))):
+            self._figures[name][indices] = np.maximum(self._figures[name][indices], size)
 
     def columns(self, indices: IntArray) -> dict[str, NDArray[Any]]:
         """The figures of some episodes so far: the fields of :class:`EpisodeSummary`, in arrays."""

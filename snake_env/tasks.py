@@ -16,7 +16,7 @@ from snake_env.params import SnakeParams
 from snake_env.simulation import least_distances
 from snake_env.state import FloatArray, SnakeState, checked_shape
 
-_BAD_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError)
+_BAD_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError)  # RuntimeError: it is encrypted
 # Simulation 1 of the paper, section V. Its -1.57 rad is within the limit of pi/2.
 _SIM_1 = (
     (0.63, -0.44, -1.57, -0.36, -0.57, -0.34, -1.00, -0.91),
@@ -125,11 +125,13 @@ def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
 
 
 def _read_tasks(path: Path, params: SnakeParams) -> TaskSuite:
+    if not path.is_file():
+        raise InvalidInputError("tasks", str(path), "a file that exists")
     try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no zip file; pickled objects are never read")
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: np.asarray(file[key]) for key in file.files}
-    except FileNotFoundError:
-        raise InvalidInputError("tasks", str(path), "a file that exists") from None
     except (OSError, ValueError, TypeError, EOFError, MemoryError, *_BAD_ZIP) as error:
         reason = "pickled objects are never read" if "pickle" in str(error).lower() else error
         raise InvalidInputError("tasks", str(path), f"an .npz file of arrays ({reason})") from None

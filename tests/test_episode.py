@@ -137,12 +137,19 @@ def test_figures__of_sim_1_are_those_of_its_motion() -> None:
 def test_head_error__shrinks_by_the_gains() -> None:
     """Straight and still, k_t = 1: each sub-step of dt = 0.02 leaves 0.98 of x, y, 0.99 of theta."""
     state = straight_state().replace(w=np.array([0.0, 1e-6, math.pi + 1e-6]))
+    after, _ = advance(state, 0, PAPER)
+    summary = Episode(after, PAPER).summary()
+    assert summary.head_error_m == pytest.approx(1e-6 * 0.98**150, rel=1e-6)
+    assert summary.head_error_rad == pytest.approx(1e-6 * 0.99**150, rel=1e-6)
+
+
+def test_head_error__is_the_largest_from_the_start_on() -> None:
+    state = straight_state().replace(w=np.array([3e-6, 4e-6, math.pi - 1e-6]))
     after, prediction = advance(state, 0, PAPER)
     episode = Episode(state, PAPER)
     episode.record(after, prediction)
-    summary = episode.summary()
-    assert summary.head_error_m == pytest.approx(1e-6 * 0.98**150, rel=1e-6)
-    assert summary.head_error_rad == pytest.approx(1e-6 * 0.99**150, rel=1e-6)
+    assert episode.summary().head_error_m == pytest.approx(5e-6)
+    assert episode.summary().head_error_rad == pytest.approx(1e-6)
 
 
 def test_horizon__is_reached_while_still_moving(sim_1: SnakeState) -> None:
