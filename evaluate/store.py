@@ -88,7 +88,9 @@ class Store:
             return
         rows = [row for policy in policies for row in self.rows(policy)]
         text = io.StringIO()
-        writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(
+            text, fieldnames=list(rows[0]) if rows else COLUMNS, lineterminator="\n"
+        )
         writer.writeheader()
         writer.writerows(rows)
         write_atomically(self.folder / "episodes.csv", text.getvalue())
