@@ -10,7 +10,7 @@ INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check -c $(LOCK)
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test check bench clean
+.PHONY: help setup demo test check bench clean docs
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +31,10 @@ check: .venv/.dev ## format, lint, types
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m evaluate.bench
 	@$(RUN) -m evaluate.bench_vector
+
+docs: .venv/.dev ## the documentation, in build/site/
+	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet
+	@echo "documentation: build/site/index.html"
 
 clean: ## remove .venv, caches and builds; keep report/ and runs/
 	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info

@@ -34,7 +34,7 @@ _TURNS = 3
 class Options:
     """Measure the vector env beside SyncVectorEnv and SB3's SubprocVecEnv."""
 
-    soak: int = 500_000
+    soak: int = 5_000_000
     """Steps to run while watching the memory."""
     plot: Path | None = None
     """Picture of the speed against the number of envs."""
