@@ -6,14 +6,15 @@ DEMO_ARGS ?= analytic analytic-14 random skid --tasks paper-500 --out report --o
 LOCK := requirements/lock.txt
 RUN := .venv/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check -c $(LOCK)
+INTEROP ?= sb3-contrib torchrl tianshou rllib
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test check bench clean docs
+.PHONY: help setup demo test test-interop check bench clean docs
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: .venv/.dev ## install everything into .venv (the other targets install what they need)
 
@@ -22,6 +23,19 @@ demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, pictures and
 
 test: .venv/.dev ## every test
 	@$(RUN) -m pytest -q
+
+# Each example ends by printing what it learned; it fails where it learned nothing.
+test-interop: ## other people's libraries: each learns in a virtual environment of its own
+	@status=0; for name in $(INTEROP); do \
+		venv=.venv-interop/$$name; log=$$venv.log; \
+		if $(MAKE) --no-print-directory $$venv/.made && \
+			RAY_USAGE_STATS_ENABLED=0 $$venv/bin/python \
+				examples/$$(echo $$name | tr - _)_*.py >$$log 2>&1; \
+		then verdict=passed; else verdict=FAILED; status=1; fi; \
+		versions=$$(sed -n 's/ *#.*//; s/==/ /p' requirements/interop-$$name.txt | paste -sd , -); \
+		echo "$$name: $$verdict: $$(grep -s -e '->' $$log | tail -n 1) ($$versions)"; \
+		test $$verdict = passed || cat $$log || true; \
+	done; exit $$status
 
 check: .venv/.dev ## format, lint, types
 	@$(RUN) -m ruff format --check .
@@ -37,7 +51,7 @@ docs: .venv/.dev ## the documentation, in build/site/
 	@echo "documentation: build/site/index.html"
 
 clean: ## remove .venv, caches and builds; keep report/ and runs/
-	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info
+	@rm -rf .venv .venv-interop .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamps are touched last, so an interrupted installation is taken up again.
@@ -57,3 +71,10 @@ clean: ## remove .venv, caches and builds; keep report/ and runs/
 	@echo "installing everything into .venv, once (PyTorch is large: minutes) ..."
 	@$(INSTALL) -e ".[dev]"
 	@touch .venv/.demo $@
+
+.venv-interop/%/.made: pyproject.toml requirements/interop-%.txt
+	@echo "installing $* into .venv-interop/$*, once (minutes) ..."
+	@"$(PYTHON)" -m venv .venv-interop/$*
+	@.venv-interop/$*/bin/python -m pip install --quiet --disable-pip-version-check \
+		-r requirements/interop-$*.txt -e .
+	@touch $@
