@@ -24,17 +24,18 @@ demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, pictures and
 test: .venv/.dev ## every test
 	@$(RUN) -m pytest -q
 
-# Each example ends by printing what it learned; it fails where it learned nothing.
+# Each example ends by printing what it learned, and fails where it learned nothing.
 test-interop: ## other people's libraries: each learns in a virtual environment of its own
 	@status=0; for name in $(INTEROP); do \
-		venv=.venv-interop/$$name; log=$$venv.log; \
+		venv=.venv-interop/$$name; log=$$venv.log; pins=requirements/interop-$$name.txt; rm -f $$log; \
 		if $(MAKE) --no-print-directory $$venv/.made && \
 			RAY_USAGE_STATS_ENABLED=0 $$venv/bin/python \
 				examples/$$(echo $$name | tr - _)_*.py >$$log 2>&1; \
 		then verdict=passed; else verdict=FAILED; status=1; fi; \
-		versions=$$(sed -n 's/ *#.*//; s/==/ /p' requirements/interop-$$name.txt | paste -sd , -); \
+		versions=$$($$venv/bin/python -m pip freeze -q -r $$pins | \
+			sed -n '/^##/q; s/==/ /p' | paste -sd , -); \
 		echo "$$name: $$verdict: $$(grep -s -e '->' $$log | tail -n 1) ($$versions)"; \
-		test $$verdict = passed || cat $$log || true; \
+		test $$verdict = passed || test ! -f $$log || cat $$log; \
 	done; exit $$status
 
 check: .venv/.dev ## format, lint, types

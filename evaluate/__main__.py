@@ -8,38 +8,33 @@ import platform
 import shlex
 import signal
 import sys
+import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from typing import Any
 
 import joblib
-import tyro
 from rich.console import Console
 
-from evaluate.options import Options
+from evaluate.options import Options, parse
 from evaluate.progress import progress
 from evaluate.protocol import Shard, check_policy, run_shard
 from evaluate.statistics import summarise
 from evaluate.store import Store
-from evaluate.table import failure_lines, result_table
+from evaluate.table import failure_lines, result_tables
 from snake_env.errors import SnakeEnvError
-from snake_env.kernel import get_kernel
+from snake_env.masks import warm_up
 from snake_env.params import SnakeParams
 from snake_env.tasks import TaskSuite, load_tasks
 
-_SHARD_TASKS = 10
+_PORTION = 16  # episodes for each worker of a Ray cluster at a time
 
 
 def main() -> int:
     """Runs the command; its exit code."""
     try:
-        options = tyro.cli(
-            Options,
-            prog="python -m evaluate",
-            description=Options.__doc__,
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
+        options = parse(Options, "python -m evaluate", Options.__doc__)
         return evaluate(options)
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -70,17 +65,17 @@ def evaluate(options: Options) -> int:
         "params": dataclasses.asdict(params),
     }
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
-    get_kernel(params.n_joints, params.head_contact)  # compiled once, before workers
-    console = Console(width=None if sys.stdout.isatty() else 190, highlight=False)
+    warm_up(params)  # compiled once, before there are workers
+    console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
     shards = [shard for name in options.policies for shard in _shards(name, suite, params)]
     shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _take_signals(signal.default_int_handler)
     began = time.monotonic()
     complete = True
     try:
         _run(shards, store, options, console)
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a worker's may come before our own
+        _take_signals(signal.SIG_IGN)  # a worker's may have come before our own
         complete = False
     summary = _summary(options, config, store, params)
     store.write(options.policies, summary, complete=complete)
@@ -89,7 +84,8 @@ def evaluate(options: Options) -> int:
         where = f"{options.out}: --resume goes on from there" if options.out else "lost (no --out)"
         print(f"interrupted: {done} finished episodes are in {where}", file=sys.stderr)
         return 130
-    console.print(result_table(summary))
+    for table in result_tables(summary):
+        console.print(table)
     for line in failure_lines(summary):
         console.print(line, soft_wrap=True)
     for name in options.policies:
@@ -99,7 +95,7 @@ def evaluate(options: Options) -> int:
         f"{sum(len(s.tasks) for s in shards)} episodes in {time.monotonic() - began:.1f} s"
     )
     if options.out is not None:
-        if options.pictures:
+        if not options.no_pictures:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
 
             draw_all(options.out, options.policies, store, params)
@@ -107,11 +103,16 @@ def evaluate(options: Options) -> int:
     return 0
 
 
+def _take_signals(handler: Any) -> None:
+    """What SIGINT and SIGTERM do: only the main thread may say."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, handler)
+
+
 def _shards(policy: str, suite: TaskSuite, params: SnakeParams) -> Iterable[Shard]:
-    for first in range(0, len(suite), _SHARD_TASKS):
-        tasks = list(range(first, min(first + _SHARD_TASKS, len(suite))))
-        states = [suite.initial(task, params) for task in tasks]
-        yield Shard(policy, tasks, states, params)
+    for task in range(len(suite)):
+        yield Shard(policy, [task], [suite.initial(task, params)], params)
 
 
 def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:
@@ -119,29 +120,36 @@ def _run(shards: list[Shard], store: Store, options: Options, console: Console) 
     if not shards:
         return
     n_jobs = min(joblib.cpu_count() if options.workers == -1 else options.workers, len(shards))
-    total = sum(len(shard.tasks) for shard in shards)
     with (
-        joblib.parallel_config(**_backend(options.engine)),
-        progress(console, total, "episodes") as advance,
+        joblib.parallel_config(backend=_backend(options.engine)),
+        progress(console, sum(len(shard.tasks) for shard in shards), "episodes") as advance,
     ):
-        parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)
-        jobs = (joblib.delayed(_keyed)(shard) for shard in shards)
-        for policy, first, result in parallel(jobs):
-            store.add((policy, first), result)
-            advance(policy, len(result.rows))
+        for results in _in_turn(shards, n_jobs, streaming=options.engine == "local"):
+            for policy, first, result in results:
+                store.add((policy, first), result)
+                advance(policy, len(result.rows))
+
+
+def _in_turn(shards: list[Shard], n_jobs: int, *, streaming: bool) -> Iterator[Iterable[Any]]:
+    """The shards' results as they come; joblib's backend for Ray can only give them in portions."""
+    size = len(shards) if streaming else _PORTION * n_jobs
+    returned = "generator_unordered" if streaming else "list"
+    for first in range(0, len(shards), size):
+        parallel = joblib.Parallel(n_jobs=n_jobs, return_as=returned, batch_size=1)
+        yield parallel(joblib.delayed(_keyed)(shard) for shard in shards[first : first + size])
 
 
 def _keyed(shard: Shard) -> tuple[str, int, Any]:
     return shard.policy, shard.tasks[0], run_shard(shard)
 
 
-def _backend(engine: str) -> dict[str, Any]:
+def _backend(engine: str) -> str:
     if engine == "local":
-        return {"backend": "loky"}
+        return "loky"
     from ray.util.joblib import register_ray
 
     register_ray()
-    return {"backend": "ray"}
+    return "ray"
 
 
 def _summary(

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import io
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from snake_env.errors import InvalidInputError, MissingDependencyError
+from snake_env.errors import InvalidInputError, MissingDependencyError, SnakeEnvError
 from snake_env.params import SnakeParams
 
 Assignments = tyro.conf.UseAppendAction[
@@ -45,8 +48,8 @@ class Options:
     """Processes; -1: one for each core."""
     engine: Literal["local", "ray"] = "local"
     """What runs the workers: processes of this machine, or a Ray cluster."""
-    pictures: bool = True
-    """Draw the pictures, too (needs --out)."""
+    no_pictures: bool = False
+    """Only write the figures."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -69,6 +72,35 @@ class Options:
         if self.engine == "ray" and importlib.util.find_spec("ray") is None:
             raise MissingDependencyError("--engine ray needs Ray: pip install ray")
         return SnakeParams.preset(self.preset, **parse_overrides(self.set))
+
+
+T = TypeVar("T")
+
+
+def parse(options: type[T], prog: str, description: str | None) -> T:
+    """Options from the command line; help goes to the terminal as tyro makes it.
+
+    Raises:
+        OptionError: An option does not exist or its value has the wrong type.
+    """
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return tyro.cli(
+                options, prog=prog, description=description, config=(tyro.conf.FlagCreatePairsOff,)
+            )
+    except SystemExit as leaving:
+        if not leaving.code:
+            raise
+        plain = re.sub(r"\x1b\[[0-9;]*m", "", complaint.getvalue())
+        lines = [line.strip("\u2502 ").strip() for line in plain.splitlines()]
+        told = [line for line in lines if line and line[0] not in "\u256d\u2570\u2500"]
+        words = [line for line in told if not line.startswith("For full helptext")]
+        raise OptionError(" ".join(words) + f" (see {prog} --help)") from None
+
+
+class OptionError(SnakeEnvError):
+    """An option that does not exist, or whose value has the wrong type."""
 
 
 def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:

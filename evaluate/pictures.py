@@ -25,6 +25,7 @@ from snake_env.drawing import (
     draw_robot,
     geometry,
 )
+from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
 from snake_env.tasks import load_tasks
@@ -52,7 +53,7 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
         for policy in policies:
             figure_4(policy, store.rows(policy), params).savefig(folder / f"fig4-{policy}.png")
         choosing = [policy for policy in policies if policy != SKID]
-        if choosing and params.n_joints == 8:
+        if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
             row = run_episode(load_policy(policy, params), state, params, 0, [])
@@ -60,6 +61,15 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
                 played = replay(state, [int(mode) for mode in row["modes"].split()], params)
                 figure_5(policy, played, params).savefig(folder / f"sim-1-traces-{policy}.png")
                 filmstrip(policy, played, params).savefig(folder / f"sim-1-film-{policy}.png")
+
+
+def _has_sim_1(params: SnakeParams) -> bool:
+    """Whether simulation 1's shapes are shapes of this robot."""
+    try:
+        load_tasks("sim-1", params)
+    except InvalidInputError:
+        return False
+    return True
 
 
 def figure_4(policy: str, rows: Sequence[Row], params: SnakeParams) -> Figure:
@@ -94,7 +104,7 @@ def figure_4(policy: str, rows: Sequence[Row], params: SnakeParams) -> Figure:
     axes[2].set_xlabel("task")
     figure.legend(*axes[2].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     figure.suptitle(
-        f"{policy}: {solved.sum()} of {len(rows)} tasks solved (Fig. 4 of the paper)",
+        f"{policy}: {solved.sum()} of {len(rows)} tasks solved (compare Fig. 4 of the paper)",
         x=0.01, ha="left", fontsize=11,
     )  # fmt: skip
     return figure
@@ -142,7 +152,7 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
     last.set_xlabel("time [s]")
     last.legend(ncols=3, loc="upper right")
     figure.suptitle(
-        f"sim-1 by {policy} (Fig. 5 of the paper): broken lines are limits, dotted lines targets",
+        f"sim-1 by {policy} (compare Fig. 5): broken lines are limits, dotted lines targets",
         x=0.01, ha="left", fontsize=11,
     )  # fmt: skip
     return figure
@@ -199,7 +209,12 @@ def filmstrip(policy: str, played: Replay, params: SnakeParams) -> Figure:
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for ax, k, state in zip(axes, chosen, states, strict=False):
         interval = min(int(k), len(played.modes) - 1)
-        draw_robot(ax, state.phi, state.w, played.lifted(interval, params), params, state.target)
+        up = (
+            np.zeros(params.n_joints, dtype=np.bool_)
+            if state.done
+            else played.lifted(interval, params)
+        )
+        draw_robot(ax, state.phi, state.w, up, params, state.target)
         what = "target reached" if state.done else f"phase {state.phase}"
         ax.set_title(f"{state.elapsed:.0f} s, {what}")
         ax.set_xlim(low[0], high[0])
@@ -209,7 +224,7 @@ def filmstrip(policy: str, played: Replay, params: SnakeParams) -> Figure:
         ax.set_visible(False)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6)
     figure.suptitle(
-        f"sim-1 by {policy}: the head stays where it is", x=0.01, ha="left", fontsize=11
+        f"sim-1 by {policy}: the head stays where it is (axes in m)", x=0.01, ha="left", fontsize=11
     )
     return figure
 

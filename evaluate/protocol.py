@@ -113,13 +113,13 @@ def run_episode(
             latencies.append((time.perf_counter_ns() - began) / 1e3)
             after, prediction = advance(state, mode, params)
             if prediction.violation[0] and not any_feasible(state, params):
-                episode.outcome = "deadlock"
+                episode.end("deadlock")
                 break
             modes.append(mode)
             episode.record(after, prediction)
             state = after
     except Exception as problem:
-        episode.outcome = "error"
+        episode.end("error")
         error = f"{type(problem).__name__}: {problem}"
     return {
         **dataclasses.asdict(episode.summary()),

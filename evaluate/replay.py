@@ -12,7 +12,7 @@ from snake_env.simulation import Trajectory, advance, trajectories
 from snake_env.state import SnakeState, StateBatch
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Replay:
     """An episode, interval by interval.
 

@@ -15,8 +15,8 @@ import joblib
 import numpy as np
 import tyro
 
-from evaluate.options import Assignments, parse_overrides
-from evaluate.protocol import check_policy, run_episode
+from evaluate.options import Assignments, parse, parse_overrides
+from evaluate.protocol import run_episode
 from evaluate.replay import replay
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
@@ -71,10 +71,10 @@ def input_changes(policy: str, state: SnakeState, params: SnakeParams, seed: int
 
 def main() -> int:
     """Runs the command; its exit code."""
-    options = tyro.cli(Options, prog="python -m evaluate.smoothness", description=__doc__)
     try:
+        options = parse(Options, "python -m evaluate.smoothness", __doc__)
         params = SnakeParams.preset(options.preset, **parse_overrides(options.set))
-        check_policy(options.policy, params)
+        load_policy(options.policy, params)
         suite = load_tasks(options.tasks, params)
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import gymnasium
 import numpy as np
@@ -24,7 +25,7 @@ from snake_env.modes import ModeTable, mode_table
 from snake_env.optimizer import AnalyticOptimizer, Selection
 from snake_env.params import PRESETS, SnakeParams
 from snake_env.policies import POLICIES, load_policy
-from snake_env.rendering import Scene, motion_scenes, save_gif, still_scene
+from snake_env.rendering import Painter, Scene, motion_scenes, save_gif, still_scene
 from snake_env.simulation import advance
 from snake_env.state import SnakeState
 from snake_env.tasks import load_tasks
@@ -55,9 +56,16 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """Complains in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"error: {message} (see {self.prog} --help)\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m snake_env", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser = _Parser(prog="python -m snake_env", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     check = commands.add_parser("check", help="test this installation in a few seconds")
     check.set_defaults(command=_check)
     gif = commands.add_parser("gif", help="play a task with a policy and write an animated GIF")
@@ -121,8 +129,9 @@ def _gif(options: argparse.Namespace) -> int:
     policy = load_policy(options.policy, params)
     policy.reset(options.task)
     folder = options.out.absolute().parent
-    if not folder.is_dir():
-        raise InvalidInputError("out", str(options.out), "a file in a folder that exists")
+    if not folder.is_dir() or options.out.suffix.lower() != ".gif":
+        raise InvalidInputError("out", str(options.out), "a .gif file in a folder that exists")
+    Painter(params)  # complains before the work if Pillow is missing
     scenes: list[Scene] = [still_scene(state, params)]
     violation = ""
     while not state.done and not violation and state.elapsed < params.horizon_s:

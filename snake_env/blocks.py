@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import itertools
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import cast
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from snake_env.compiler import BlockFunction, emit, load
 from snake_env.control import redundancy_gain
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, as_integer
 from snake_env.params import SnakeParams
 from snake_env.tracing import Trace
 
@@ -75,36 +76,41 @@ class BlockProgram:
             self._run(address, constants.ctypes.data, clock.ctypes.data, len(clock), count)
 
         n_blocks = len(blocks)
-        n_threads = min(_threads.count, n_blocks)
+        n_threads, pool = _threads.now()
+        n_threads = min(n_threads, n_blocks)
         if n_threads == 0:
             return
-        if n_threads == 1:
+        if n_threads == 1 or pool is None:
             part(0, n_blocks)
             return
         edges = [n_blocks * k // n_threads for k in range(n_threads + 1)]
         tasks = [(first, stop - first) for first, stop in itertools.pairwise(edges)]
-        list(_threads.pool().map(part, *zip(*tasks, strict=True)))
+        list(pool.map(part, *zip(*tasks, strict=True)))
 
 
 class _Threads:
     """How many threads share the blocks of a call, and the pool that they live in."""
 
     def __init__(self) -> None:
-        self.count = 1
+        self._lock = threading.Lock()
+        self._count = 1
         self._pool: ThreadPoolExecutor | None = None
 
-    def pool(self) -> ThreadPoolExecutor:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.count, thread_name_prefix="snake_env")
-        return self._pool
+    def now(self) -> tuple[int, ThreadPoolExecutor | None]:
+        """The number of threads and their pool; a caller may use it even if it is replaced."""
+        with self._lock:
+            if self._pool is None and self._count > 1:
+                self._pool = ThreadPoolExecutor(self._count, thread_name_prefix="snake_env")
+            return self._count, self._pool
 
     def resize(self, count: int) -> None:
-        if self._pool is not None:
-            self._pool.shutdown()
-        self.count, self._pool = count, None
+        """Replaces the pool; the old one's threads end once nobody uses it any more."""
+        with self._lock:
+            self._count, self._pool = count, None
 
     def forget(self) -> None:
-        """Drops the pool: a forked process has none of its threads."""
+        """Drops pool and lock: a forked process has none of the pool's threads."""
+        self._lock = threading.Lock()
         self._pool = None
 
 
@@ -119,9 +125,10 @@ def set_num_threads(count: int) -> None:
     Raises:
         InvalidInputError: ``count`` is not a positive integer.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+    number = as_integer(count)
+    if number is None or number < 1:
         raise InvalidInputError("count", count, "a positive number of threads")
-    _threads.resize(count)
+    _threads.resize(number)
 
 
 def traced_params(trace: Trace, head_contact: bool) -> SnakeParams:

@@ -26,6 +26,8 @@ from snake_env.tracing import Operation, Trace
 CACHE_VARIABLE = "SNAKE_ENV_CACHE_DIR"
 _log = logging.getLogger(__name__)
 _ENGINES: list[llvm.ExecutionEngine] = []
+_MACHINE_OPTIONS = {"opt": 2, "reloc": "pic"}
+_PASS_OPTIONS = {"speed_level": 1}
 _COMPARISONS = ("olt", "ole", "ogt", "oge", "oeq")
 
 BlockFunction = Callable[[int, int, int, int, int], None]
@@ -178,17 +180,18 @@ def load(ir: str, what: str) -> BlockFunction:
     llvm.initialize_native_asmprinter()
     cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=cpu, features=features, opt=2, reloc="pic"
+        cpu=cpu, features=features, **_MACHINE_OPTIONS
     )
-    versions = (llvmlite.__version__, llvm.llvm_version_info, cpu, features)
-    key = hashlib.sha256(f"{versions}{ir}".encode()).hexdigest()[:32]
+    made_by = (llvmlite.__version__, llvm.llvm_version_info, cpu, features)
+    made_how = (sorted(_MACHINE_OPTIONS.items()), sorted(_PASS_OPTIONS.items()))
+    key = hashlib.sha256(f"{made_by}{made_how}{ir}".encode()).hexdigest()[:32]
     path = cache_folder() / f"{key}.bin"
     code = _read_cache(path)
     if code is None:
         _log.warning("compiling the kernel for %s, once", what)
         module = llvm.parse_assembly(ir)
         module.triple = machine.triple
-        options = llvm.create_pipeline_tuning_options(speed_level=1)
+        options = llvm.create_pipeline_tuning_options(**_PASS_OPTIONS)
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)
         code = machine.emit_object(module)

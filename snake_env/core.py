@@ -6,7 +6,7 @@ The env is the case N = 1, so that both do the same to the bit.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.episode import Episodes
-from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError, as_finite
 from snake_env.masks import MaskLevel, action_masks, check_mask_level
 from snake_env.modes import mode_table
 from snake_env.observation import observe
@@ -60,22 +60,33 @@ class EnvOptions:
         check_mask_level(mask_level)
         if on_infeasible not in get_args(OnInfeasible):
             raise UnknownNameError("on_infeasible", on_infeasible, get_args(OnInfeasible))
-        known = [field.name for field in dataclasses.fields(RewardWeights)]
-        for name, weight in (reward_weights or {}).items():
-            if name not in known:
-                raise UnknownNameError("reward term", name, known)
-            if not np.isfinite(weight):
-                raise InvalidInputError(f"reward_weights[{name!r}]", weight, "a finite number")
-        scales = np.array(slip, dtype=np.float64)
-        if scales.shape != (2,) or not (np.isfinite(scales) & (scales >= 0)).all():
-            raise InvalidInputError("slip", slip, "(m, rad): two numbers, zero or positive")
         suite = None if task_suite is None else load_tasks(task_suite, constants)
-        weights = RewardWeights(**(reward_weights or {}))
-        pair = (float(scales[0]), float(scales[1]))
-        return cls(constants, mask_level, on_infeasible, weights, pair, suite)
+        weights = _checked_weights({} if reward_weights is None else reward_weights)
+        return cls(constants, mask_level, on_infeasible, weights, _checked_slip(slip), suite)
 
 
-@dataclass(frozen=True)
+def _checked_weights(given: Any) -> RewardWeights:
+    if not isinstance(given, Mapping):
+        raise InvalidInputError("reward_weights", given, "a dict of weights by name")
+    known = [field.name for field in dataclasses.fields(RewardWeights)]
+    for name, weight in given.items():
+        if name not in known:
+            raise UnknownNameError("reward term", name, known)
+        if as_finite(weight) is None:
+            raise InvalidInputError(f"reward_weights[{name!r}]", weight, "a finite number")
+    return RewardWeights(**given)
+
+
+def _checked_slip(given: Any) -> tuple[float, float]:
+    scales = (
+        [as_finite(scale) for scale in given] if isinstance(given, (Sequence, np.ndarray)) else []
+    )
+    if len(scales) != 2 or any(scale is None or scale < 0.0 for scale in scales):
+        raise InvalidInputError("slip", given, "(m, rad): two numbers, zero or positive")
+    return float(scales[0] or 0.0), float(scales[1] or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class StepResult:
     """What N transitions gave: rewards (N,), terminations, truncations (N,), and infos."""
 
@@ -117,7 +128,9 @@ class EnvCore:
             UnknownNameError: An option that does not exist.
             InvalidInputError: A shape or a task that can't be used.
         """
-        params, given = self.options.params, options or {}
+        params, given = self.options.params, {} if options is None else options
+        if not isinstance(given, Mapping):
+            raise InvalidInputError("options", given, "a dict of reset options")
         for name in given:
             if name not in RESET_OPTIONS:
                 raise UnknownNameError("reset option", name, RESET_OPTIONS)
@@ -183,12 +196,12 @@ class EnvCore:
         truncated = (outcome == "deadlock") | (outcome == "horizon")
         terminated = (outcome != "") & ~truncated
         terms = reward_terms(before, after, prediction, terminated, options.weights, params)
-        lifted = mode_table(params.n_joints).lifted[modes].astype(np.int8)
-        lifted[np.arange(len(modes)), before.phase - 1] = 1
+        lifted = mode_table(params.n_joints).lifted_wheels(modes, before.phase)
+        lifted &= moved.executed[:, None]
         info = self._info(
             indices,
             violation=np.where(outcome == "collision", "collision", moved.violation),
-            lifted=lifted,
+            lifted=lifted.astype(np.int8),
             terms=terms,
             d_min=prediction.d_min,
             max_abs_phi=prediction.max_abs_phi,

@@ -27,7 +27,7 @@ TARGET = "#3a6ea5"
 GRAVITY = "#f2a541"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Geometry:
     """Places of the robot's parts in the world [m].
 
@@ -64,9 +64,8 @@ def geometry(phi: FloatArray, w: FloatArray, params: SnakeParams) -> Geometry:
 
 def lifted_wheels(mode: int, phase: int, params: SnakeParams) -> NDArray[np.bool_]:
     """Which wheels are in the air in a mode and phase, the SCP's included, shape (n,)."""
-    lifted: NDArray[np.bool_] = mode_table(params.n_joints).lifted[mode].copy()
-    if phase <= params.n_joints:
-        lifted[phase - 1] = True
+    table = mode_table(params.n_joints)
+    lifted: NDArray[np.bool_] = table.lifted_wheels(np.array([mode]), np.array([phase]))[0]
     return lifted
 
 

@@ -15,19 +15,20 @@ from numpy.typing import NDArray
 
 from snake_env.core import EnvCore, EnvOptions
 from snake_env.episode import Episodes
-from snake_env.errors import UnknownNameError
+from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
 from snake_env.masks import MaskLevel
 from snake_env.modes import mode_table
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
 from snake_env.rendering import FRAMES_PER_SECOND, Viewer
+from snake_env.simulation import check_states
 from snake_env.state import SnakeState, StateBatch
 from snake_env.transition import OnInfeasible
 
 _ONLY = np.array([0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnvState:
     """What :meth:`SnakeModeSelectionEnv.get_state` saves: robot, episode and randomness."""
 
@@ -70,7 +71,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     | 42..42 | ``ref_start`` | where the SCP's cam curve starts | phi_limit |
     | 43..43 | ``cam_progress`` | time since the phase began | cam_time or more |
     | 44..44 | ``phase_time`` | time since the phase began | 30 s or more |
-    | 45..52 | ``last_lifted`` | rear wheels lifted in the last interval | yes |
+    | 45..52 | ``last_lifted`` | rear wheels of the last choice | yes |
     | 53..53 | ``last_turn`` | how far the SCP turned in it | 0.5 rad |
     | 54..56 | ``head_error`` | w - w_d | 0.1 m, 0.1 m, 0.5 rad |
     | 57..72 | ``link_direction`` | cos, sin of each link behind the head | 1 |
@@ -87,7 +88,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     | ``phase`` | 0.1 | phases completed |
     | ``success`` | 1.0 | 1 when the target is reached |
     | ``violation`` | -1.0 | 1 when the choice was infeasible or not allowed, or links touch |
-    | ``cost`` | -0.002 | the mean of V (19) over the interval |
+    | ``cost`` | -0.002 | the mean of V (19) over the interval, 10 at most |
     | ``shaping`` | 0.0 | gamma Phi(after) - Phi(before), Phi = minus the phases left |
 
     The further weight ``gamma`` (0.99) is the agent's discount in ``shaping``, which changes no optimal
@@ -160,6 +161,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         )
         self.core = EnvCore(1, options)
         self.action_space = action_space(options)
+        self._n_modes = int(self.action_space.n)
         self.observation_space = observation_space(options)
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
@@ -209,7 +211,9 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         """
         if not self._running:
             raise gymnasium.error.ResetNeeded("no episode is going on: call reset()")
-        before, mode = self.state, int(action)
+        before, mode = self.state, as_integer(action)
+        if mode is None:
+            raise InvalidModeError("action", action, f"an integer below {self._n_modes}")
         result = self.core.step(_ONLY, np.array([mode]), [self.np_random])
         terminated, truncated = bool(result.terminated[0]), bool(result.truncated[0])
         info = _only(result.info)
@@ -234,9 +238,13 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def set_state(self, state: EnvState | SnakeState) -> None:
         """Goes back to what :meth:`get_state` returned, or begins an episode in a robot's state."""
         if isinstance(state, SnakeState):
-            self.core.states = StateBatch.stack([state])
+            batch = StateBatch.stack([state])
+            check_states(batch, self.params)
+            self.core.states = batch
             self.core.episodes.restart(_ONLY, self.core.states)
             self._running = not state.done
+        elif not isinstance(state, EnvState):
+            raise InvalidInputError("state", state, "what get_state() returned, or a SnakeState")
         else:
             saved = copy.deepcopy(state)
             self.core.states, self.core.episodes = saved.states, saved.episodes
@@ -269,10 +277,16 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             self._viewer.close()
             self._viewer = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the viewer, which a copy makes anew."""
+        return {**self.__dict__, "_viewer": None}
+
     def _view(self) -> Viewer:
         if self._viewer is None:
             assert self.render_mode is not None
             self._viewer = Viewer(self.params, self.render_mode)
+            if self._running:
+                self._viewer.begin(self.state)
         return self._viewer
 
 

@@ -5,7 +5,6 @@ The env and ``python -m evaluate`` both take their figures from here.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.params import SnakeParams
-from snake_env.simulation import Prediction
+from snake_env.simulation import Prediction, least_distances
 from snake_env.state import IntArray, SnakeState, StateBatch
 
 OUTCOMES = ("success", "deadlock", "horizon", "stability", "joint_limit", "collision", "error")
@@ -80,7 +79,7 @@ class Episodes:
         self._intervals[indices] = 0
         for values in self._figures.values():
             values[indices] = 0.0
-        self._figures["d_min"][indices] = np.inf
+        self._figures["d_min"][indices] = least_distances(states.phi, self.params)
         self._figures["max_abs_phi"][indices] = np.abs(states.phi).max(axis=1)
         self._note_head_error(indices, states)
 
@@ -148,6 +147,10 @@ class Episode:
         self._episodes.record(np.array([0]), StateBatch.stack([after]), prediction)
         self.outcome = str(self._episodes.outcome[0])
 
+    def end(self, outcome: str) -> None:
+        """Ends the episode with an outcome that its motion does not tell: ``deadlock``, ``error``."""
+        self._episodes.outcome[0] = self.outcome = outcome
+
     def summary(self) -> EpisodeSummary:
         """The figures so far."""
-        return dataclasses.replace(self._episodes.summary(0), outcome=self.outcome)
+        return self._episodes.summary(0)

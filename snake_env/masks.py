@@ -9,13 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.errors import UnknownNameError
-from snake_env.mask_kernel import MAX_MODES, stable_modes
+from snake_env.kernel import get_kernel
+from snake_env.mask_kernel import MAX_MODES, get_mask_kernel, stable_modes
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.simulation import instantly_stable, predict_batch
 from snake_env.state import IntArray, StateBatch
 
 MaskLevel = Literal["structural", "instant", "lookahead"]
+
+
+def warm_up(params: SnakeParams) -> None:
+    """Compiles or loads all the code that predictions and masks for these constants need."""
+    get_kernel(params.n_joints, params.head_contact)
+    if len(mode_table(params.n_joints)) <= MAX_MODES:
+        get_mask_kernel(params.n_joints, params.head_contact)
 
 
 def check_mask_level(level: str) -> None:

@@ -37,7 +37,8 @@ class ModeTable:
         given = as_integer(n_joints)
         if given is None or not low <= given <= high:
             raise InvalidInputError("n_joints", n_joints, f"an integer from {low} to {high}")
-        self.n_joints = n_joints
+        self.n_joints = given
+        n_joints = given
         most = n_joints - 1 - MIN_GROUNDED
         patterns = [
             wheels
@@ -82,6 +83,15 @@ class ModeTable:
         mask: NDArray[np.bool_] = self._masks[phases - 1]
         return mask
 
+    def lifted_wheels(
+        self, modes: NDArray[np.int64], phases: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """All wheels in the air, the SCP's included, for N modes and phases: shape (N, n)."""
+        lifted: NDArray[np.bool_] = self.lifted[modes].copy()
+        moving = phases <= self.n_joints
+        lifted[np.flatnonzero(moving), phases[moving] - 1] = True
+        return lifted
+
     def valid(self, phase: int) -> NDArray[np.int64]:
         """Indices of the modes that a phase allows, in rising order."""
         return np.flatnonzero(self.mask(phase))
@@ -95,7 +105,7 @@ class ModeTable:
         Raises:
             InvalidModeError: No mode lifts these wheels.
         """
-        given = list(wheels)
+        given = list(wheels) if isinstance(wheels, Iterable) else [wheels]
         numbers = [number for wheel in given if (number := as_integer(wheel)) is not None]
         key = tuple(sorted(numbers))
         if key not in self._index or len(key) < len(given):

@@ -14,7 +14,7 @@ from snake_env.simulation import Prediction, predict
 from snake_env.state import IntArray, SnakeState
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Selection:
     """The optimiser's choice and its reasons.
 

@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
+from snake_env.errors import InvalidInputError, UnknownNameError, as_finite, as_integer
 
 N_JOINTS_RANGE = (5, 16)
 MAX_STEPS = 1_000_000  # sub-steps in an interval
@@ -88,8 +86,8 @@ class SnakeParams:
             UnknownNameError: No such preset or field.
             InvalidInputError: A replaced field is out of its range.
         """
-        if name not in PRESETS:
-            raise UnknownNameError("preset", name, PRESETS)
+        if not isinstance(name, str) or name not in PRESETS:
+            raise UnknownNameError("preset", str(name), PRESETS)
         return cls().replace(**{**PRESETS[name], **overrides})
 
     def replace(self, **overrides: Any) -> SnakeParams:
@@ -152,22 +150,11 @@ def _checked_type(name: str, value: Any, default: Any) -> Any:
         return integer
     if isinstance(default, tuple):
         is_sequence = hasattr(value, "__len__") and not isinstance(value, (str, bytes))
-        numbers = tuple(map(_finite, value)) if is_sequence else ()
+        numbers = tuple(map(as_finite, value)) if is_sequence else ()
         if len(numbers) != len(default) or None in numbers:
             raise InvalidInputError(name, value, f"{len(default)} finite numbers")
         return numbers
-    number = _finite(value)
+    number = as_finite(value)
     if number is None:
         raise InvalidInputError(name, value, "a finite number")
     return number
-
-
-def _finite(value: Any) -> float | None:
-    """The value as a float; None if it is no finite number (texts and truth values are none)."""
-    if isinstance(value, (bool, np.bool_, str, bytes)):
-        return None
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None

@@ -77,17 +77,22 @@ class FirstFeasiblePolicy:
         return int(modes[0])
 
 
+_POLICY_STREAMS = (0, 1)
+"""Spawn key of policies' random numbers: no task's numbers are among them."""
+
+
 class RandomPolicy:
     """A mode drawn uniformly from those that are stable at t_k: the floor of all learning."""
 
     def __init__(self, params: SnakeParams) -> None:
         self.params = params
         self.rollouts = 0
-        self._rng = np.random.default_rng(0)
+        self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Begins an episode with random numbers of its own."""
-        self._rng = np.random.default_rng(0 if seed is None else seed)
+        stream = np.random.SeedSequence(0 if seed is None else seed, spawn_key=_POLICY_STREAMS)
+        self._rng = np.random.default_rng(stream)
 
     def select_mode(self, state: SnakeState) -> int:
         """A random mode of the instant mask."""

@@ -42,7 +42,7 @@ _NEAR_LIMIT = 0.85  # share of phi_limit from which a joint is shown in colour
 _HEADER = 64  # pixels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """What a frame shows.
 

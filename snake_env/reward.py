@@ -12,6 +12,9 @@ from snake_env.params import SnakeParams
 from snake_env.simulation import Prediction
 from snake_env.state import FloatArray, StateBatch
 
+COST_CAP = 10.0
+"""Most that the mean of V counts: near singular shapes it reaches 2000, as it means little there."""
+
 
 @dataclass(frozen=True)
 class RewardWeights:
@@ -24,7 +27,7 @@ class RewardWeights:
     phase: float = 0.1  # per phase completed
     success: float = 1.0  # when the target is reached
     violation: float = -1.0  # when a choice was infeasible or not allowed, or links touch
-    cost: float = -0.002  # per unit of V's mean over the interval
+    cost: float = -0.002  # per unit of V's mean over the interval, 10 at most
     shaping: float = 0.0  # times gamma Phi(after) - Phi(before): changes no optimal policy
     gamma: float = 0.99  # the agent's discount, for shaping
 
@@ -69,6 +72,6 @@ def reward_terms(
         "phase": weights.phase * (after.phase - before.phase),
         "success": weights.success * reached,
         "violation": weights.violation * (~prediction.feasible | touched) + 0.0,
-        "cost": weights.cost * prediction.cost / params.delta_t,
+        "cost": weights.cost * np.minimum(prediction.cost / params.delta_t, COST_CAP),
         "shaping": weights.shaping * difference,
     }

@@ -36,7 +36,7 @@ _NAMES = np.array(VIOLATIONS)
 assert (RUNNING, UNSTABLE, BEYOND_LIMIT) == (0, 1, 2)  # they index VIOLATIONS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """What M lanes (a state with a mode each) do in one interval.
 
@@ -69,7 +69,7 @@ class Prediction:
         return len(self.j)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The motion inside one interval, at each sub-step.
 
@@ -276,7 +276,7 @@ def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> 
         InvalidModeError: The mode is out of range or not valid in the phase.
         InvalidInputError: ``t`` lies outside the interval.
     """
-    if not 0.0 <= t <= params.delta_t:
+    if not isinstance(t, (int, float, np.number)) or not 0.0 <= t <= params.delta_t:
         raise InvalidInputError("t", t, f"a time from 0 to delta_t = {params.delta_t} s")
     lane = float_lane(state, mode, params)
     k_eta = redundancy_gain(float(t), params)
@@ -313,27 +313,36 @@ def _checked_modes(modes: ArrayLike) -> IntArray:
     return array.astype(np.int64)
 
 
+def check_states(states: StateBatch, params: SnakeParams) -> None:
+    """Raises InvalidInputError where states can't be those of a robot with these constants."""
+    n = params.n_joints
+    for name, length in (("phi", n), ("target", n), ("w", 3)):
+        shape = getattr(states, name).shape
+        if len(shape) != 2 or shape[1] != length:
+            expected = "3 numbers" if name == "w" else f"n_joints = {n} joint angles"
+            found = shape[1] if len(shape) == 2 else shape[1:]
+            raise InvalidInputError(f"state.{name}", found, expected)
+    for name in ("w", "phi", "target", "phase_time", "ref_start", "elapsed", "last_turn"):
+        value = getattr(states, name)
+        if not np.isfinite(value).all():
+            wrong = value[~np.isfinite(value)][0]
+            raise InvalidInputError(f"state.{name}", wrong, "finite numbers")
+    if len(states) and (states.phase.min() < 1 or states.phase.max() > n + 1):
+        raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
+    if len(states) and not -1 <= states.last_mode.min() <= states.last_mode.max() < len(
+        mode_table(n)
+    ):
+        raise InvalidInputError("state.last_mode", states.last_mode.tolist(), "mode indices or -1")
+
+
 def _check_states(states: StateBatch, modes: IntArray, params: SnakeParams) -> None:
     """Raises where states, modes and constants do not belong together."""
     if len(modes) != len(states):
         raise InvalidInputError("modes", len(modes), f"one mode for each of {len(states)} states")
     if len(states) == 0:
         return
-    n = params.n_joints
-    for name, length in (("phi", n), ("target", n), ("w", 3)):
-        found = getattr(states, name).shape[1]
-        if found != length:
-            expected = "3 numbers" if name == "w" else f"n_joints = {n} joint angles"
-            raise InvalidInputError(f"state.{name}", found, expected)
-    for name in ("w", "phi", "target", "phase_time", "ref_start", "elapsed"):
-        value = getattr(states, name)
-        if not np.isfinite(value).all():
-            raise InvalidInputError(
-                f"state.{name}", value[~np.isfinite(value)][0], "finite numbers"
-            )
-    table = mode_table(n)
-    if states.phase.min() < 1 or states.phase.max() > n + 1:
-        raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
+    check_states(states, params)
+    table = mode_table(params.n_joints)
     in_range = (modes >= 0) & (modes < len(table))
     valid = (
         in_range & table.masks(states.phase)[np.arange(len(modes)), np.where(in_range, modes, 0)]
@@ -353,8 +362,7 @@ def _run(
     blocks = kernel.blocks(count)
     lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
     each, scp = np.arange(count), states.phase - 1
-    grounded = ~table.lifted[modes]
-    grounded[each, scp] = False
+    grounded = ~table.lifted_wheels(modes, states.phase)
     lanes[at["violation"], count:] = PADDING
     lanes[at["d2_min"]] = np.inf
     lanes[at["phi"], :count] = states.phi.T
@@ -379,8 +387,7 @@ def float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
     batch = StateBatch.stack([state])
     index = table.check(mode, state.phase)
     _check_states(batch, np.array([index]), params)
-    grounded = ~table.lifted[index]
-    grounded[state.phase - 1] = False
+    grounded = ~table.lifted_wheels(np.array([index]), batch.phase)[0]
 
     def floats(values: FloatArray | IntArray | NDArray[np.bool_]) -> list[Scalar]:
         return [float(value) for value in values]

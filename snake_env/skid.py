@@ -40,7 +40,8 @@ def skid(state: SnakeState, params: SnakeParams) -> tuple[EpisodeSummary, FloatA
     path = [w.copy()]
     closest = d_min(phi, params.l)
     largest = float(np.abs(phi).max())
-    while np.abs(state.target - phi).max() > 1e-9:
+    reached = bool(np.abs(state.target - phi).max() < 1e-9)
+    while not reached and (len(path) - 1) * params.dt < params.horizon_s:
         u = np.clip((state.target - phi) / params.dt, -params.u_limit, params.u_limit)
         a, b = constraint_matrices(phi, params)
         forward, sideways, turning = np.linalg.lstsq(a, b @ u, rcond=None)[0]
@@ -51,10 +52,11 @@ def skid(state: SnakeState, params: SnakeParams) -> tuple[EpisodeSummary, FloatA
         path.append(w.copy())
         closest = min(closest, d_min(phi, params.l))
         largest = max(largest, float(np.abs(phi).max()))
+        reached = bool(np.abs(state.target - phi).max() < 1e-9)
     error = np.array(path) - params.w_d
     duration = (len(path) - 1) * params.dt
     summary = EpisodeSummary(
-        outcome="collision" if closest < params.d_touch else "success",
+        outcome="collision" if closest < params.d_touch else "success" if reached else "horizon",
         intervals=int(np.ceil(duration / params.delta_t)),
         time_s=duration,
         phase=params.n_joints + 1,

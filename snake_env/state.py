@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SnakeState:
     """The robot at a switching time t_k.
 
@@ -82,7 +82,7 @@ class SnakeState:
         return dataclasses.replace(self, **changes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateBatch:
     """Many states, field by field: the attributes are those of :class:`SnakeState`, in arrays.
 

@@ -30,7 +30,7 @@ SUITES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TaskSuite:
     """Tasks to evaluate on.
 
@@ -90,7 +90,8 @@ def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = 
         params: The constants; shapes depend on ``n_joints``, ``l`` and ``phi_limit``.
         name: Name of the suite.
     """
-    rngs = [np.random.default_rng((seed, task)) for task in range(count)]
+    streams = [np.random.SeedSequence(seed, spawn_key=(task,)) for task in range(count)]
+    rngs = [np.random.default_rng(stream) for stream in streams]
     phi0, target = random_tasks(rngs, params)
     return TaskSuite(name or f"random:{count}:{seed}", phi0, target)
 
@@ -113,7 +114,8 @@ def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
     if text == "sim-1":
         if params.n_joints != len(_SIM_1[0]):
             raise InvalidInputError("n_joints", params.n_joints, "8 for the suite sim-1")
-        return TaskSuite(text, np.array(_SIM_1[:1]), np.array(_SIM_1[1:]))
+        phi0, target = (checked_shape(f"{text}: shape", shape, params) for shape in _SIM_1)
+        return TaskSuite(text, phi0[None], target[None])
     if text.startswith("random:"):
         match = re.fullmatch(r"random:(\d{1,9})(?::(\d{1,18}))?", text)
         if match is None or int(match[1]) == 0:

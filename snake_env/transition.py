@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +20,7 @@ INVALID_MODE = "invalid_mode"
 """Violation of a choice that lifts the SCP's wheel or one before it: nothing is executed."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Transition:
     """What N decisions led to.
 
@@ -27,11 +28,13 @@ class Transition:
         after: The states at t_{k+1}.
         prediction: What the robots did; where nothing was executed, that they held still.
         violation: What was wrong with each choice, ``""`` where it was feasible, shape (N,).
+        executed: Whether the mode was executed at all, shape (N,).
     """
 
     after: StateBatch
     prediction: Prediction
     violation: NDArray[np.str_]
+    executed: NDArray[np.bool_]
 
 
 def transition(
@@ -73,4 +76,8 @@ def transition(
             max_abs_phi=np.where(held, np.abs(states.phi).max(axis=1), prediction.max_abs_phi),
             duration=np.where(held, duration, prediction.duration),
         )
-    return Transition(successors(states, modes, prediction, params), prediction, violation)
+    after = successors(states, modes, prediction, params)
+    after = dataclasses.replace(  # the cam curve waits for a robot that holds still
+        after, phase_time=np.where(held, states.phase_time, after.phase_time)
+    )
+    return Transition(after, prediction, violation, executed=~held)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from snake_env.core import EnvCore, EnvOptions
 from snake_env.env import SnakeModeSelectionEnv, action_space, observation_space
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
 from snake_env.masks import MaskLevel
 from snake_env.state import IntArray
 from snake_env.transition import OnInfeasible
@@ -53,15 +54,19 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         render_mode: None = None,
         **params: Any,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+        count = as_integer(num_envs)
+        if count is None or count < 1:
             raise InvalidInputError("num_envs", num_envs, "a positive integer")
+        autoreset_modes = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*AutoresetMode, *autoreset_modes):
+            raise UnknownNameError("autoreset_mode", str(autoreset_mode), autoreset_modes)
         if render_mode is not None:
             raise InvalidInputError("render_mode", render_mode, "None: render a single env")
         options = EnvOptions.parse(
             preset, mask_level, on_infeasible, reward_weights, slip, task_suite, params
         )
-        self.num_envs = num_envs
-        self.core = EnvCore(num_envs, options)
+        self.num_envs = count
+        self.core = EnvCore(count, options)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {
             **SnakeModeSelectionEnv.metadata,
@@ -71,11 +76,12 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         self.render_mode = None
         self.single_action_space = action_space(options)
         self.single_observation_space = observation_space(options)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._all = np.arange(num_envs)
-        self._rngs = [np.random.default_rng() for _ in range(num_envs)]
-        self._ended = np.zeros(num_envs, dtype=np.bool_)
+        self.action_space = batch_space(self.single_action_space, count)
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self._all = np.arange(count)
+        self._rngs = [np.random.default_rng() for _ in range(count)]
+        self._ended = np.zeros(count, dtype=np.bool_)
+        self._begun = False
         self._observations = np.zeros(self.observation_space.shape or (), dtype=np.float32)
 
     def reset(
@@ -98,7 +104,13 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         if seed is None:
             seeds: Sequence[int | None] = [None] * self.num_envs
         else:
-            seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
+            first = as_integer(seed)
+            if first is not None:
+                seeds = [first + k for k in range(self.num_envs)]
+            elif isinstance(seed, Sequence):
+                seeds = seed
+            else:
+                raise InvalidInputError("seed", seed, "an integer, or one for each robot")
         if len(seeds) != self.num_envs:
             raise InvalidInputError("seed", len(seeds), f"{self.num_envs} seeds")
         for k in chosen.tolist():
@@ -106,6 +118,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
                 self._rngs[k], _ = seeding.np_random(seeds[k])
         info: Info = {}
         self._restart(chosen, info, given)
+        self._begun = True
         return self._observations.copy(), info
 
     def step(
@@ -120,9 +133,14 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
             InvalidModeError: A mode is not in the action space.
             InvalidInputError: The wrong number of actions.
         """
-        modes = np.asarray(actions, dtype=np.int64)
-        if modes.shape != (self.num_envs,):
-            raise InvalidInputError("actions.shape", modes.shape, f"({self.num_envs},)")
+        if not self._begun:
+            raise ResetNeeded("no episode is going on: call reset()")
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs,):
+            raise InvalidInputError("actions.shape", given.shape, f"({self.num_envs},)")
+        if given.dtype.kind not in "iu":
+            raise InvalidModeError("actions", given.tolist(), "integers")
+        modes = given.astype(np.int64)
         reward = np.zeros(self.num_envs)
         terminated = np.zeros(self.num_envs, dtype=np.bool_)
         truncated = np.zeros(self.num_envs, dtype=np.bool_)

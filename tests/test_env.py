@@ -184,7 +184,9 @@ def test_reject__holds_still_and_time_passes() -> None:
     assert not truncated
     assert info["violation"] in ("stability", "joint_limit")
     assert np.array_equal(env.state.phi, before.phi)
-    assert env.state.elapsed == env.state.phase_time == 3.0
+    assert env.state.elapsed == 3.0
+    assert env.state.phase_time == 0.0  # the cam curve waits
+    assert not info["lifted"].any()
     assert reward == pytest.approx(-1.02)
 
 

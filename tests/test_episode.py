@@ -170,8 +170,8 @@ def test_deadlock__is_standing_still_at_the_horizon() -> None:
 
 
 def test_deadlock__of_a_paper_task_is_in_phase_7() -> None:
-    state = load_tasks("paper-500", PAPER).initial(93, PAPER)
-    row = run_episode(load_policy("analytic"), state, PAPER, 93, [])
+    state = load_tasks("paper-500", PAPER).initial(422, PAPER)
+    row = run_episode(load_policy("analytic"), state, PAPER, 422, [])
     assert (row["outcome"], row["intervals"], row["phase"]) == ("deadlock", 100, 7)
     assert row["time_s"] == 300.0
 

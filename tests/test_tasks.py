@@ -16,7 +16,7 @@ from snake_env.tasks import TaskSuite, load_tasks, random_suite
 from tests.conftest import PAPER
 
 GOOD = np.linspace(-0.3, 0.3, 24).reshape(3, 8)
-PAPER_500 = "00ab0ec8cc1d6255480521b2a7217fa729931566dbcab9546b1fb824a75a2f7f"
+PAPER_500 = "c92640e23d6ab761f44a2d7535b69d5f96d0e4848b086fcc486306764963e650"
 
 
 def _same(a: TaskSuite, b: TaskSuite) -> bool:
