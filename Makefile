@@ -33,7 +33,7 @@ test-interop: ## other people's libraries: each learns in a virtual environment 
 				examples/$$(echo $$name | tr - _)_*.py >$$log 2>&1; \
 		then verdict=passed; else verdict=FAILED; status=1; fi; \
 		versions=$$($$venv/bin/python -m pip freeze -q -r $$pins | \
-			sed -n '/^##/q; s/==/ /p' | paste -sd , -); \
+			sed '/^##/,$$d; s/==/ /' | paste -sd , -); \
 		echo "$$name: $$verdict: $$(grep -s -e '->' $$log | tail -n 1) ($$versions)"; \
 		test $$verdict = passed || test ! -f $$log || cat $$log; \
 	done; exit $$status

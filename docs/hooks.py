@@ -12,9 +12,9 @@ _HEAD = """# The environment
 
 ![The robot reaches its target shape; the head does not move](images/sim-1.gif)
 
-*Simulation 1 of the paper under its optimiser. Green wheels are on the ground, red ones lifted; the green area
-is the support polygon, the crossed dot the centre of gravity, the blue ghost the target. Joints near their limit
-turn amber, then red.*
+*Simulation 1 of the paper under its optimiser. Green wheels are on the ground, red ones lifted; the
+green area is the support polygon, the crossed dot the centre of gravity, the blue ghost the target.
+Joints near their limit turn amber, then red.*
 
 | Id | Preset |
 |---|---|

@@ -24,12 +24,21 @@ def result_tables(summary: dict[str, Any]) -> list[Table]:
     )
     motion = _table(
         "motion and cost of a decision",
-        ("d_min [m]", "max |phi|", "int V", "head off [m, rad]", "roll-outs", "p50", "p95 [us]"),
+        (
+            "d_min [m]",
+            "max |phi|",
+            "int V",
+            "head off [m]",
+            "off [rad]",
+            "roll-outs",
+            "p50",
+            "p95 [us]",
+        ),
     )
     if summary["params"] == dataclasses.asdict(SnakeParams()):
         paper = (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180")
         outcome.add_row(*paper, style="dim italic")
-        paper = (_PAPER, "0.18", "<= pi/2", "-", "-", "<= 99", "-", "<=150000")
+        paper = (_PAPER, "0.18", "<= pi/2", "-", "-", "-", "<= 99", "-", "150000")
         motion.add_row(*paper, style="dim italic")
     for name, row in summary["policies"].items():
         time, latency = row["time_s"], row["decision_latency_us"]
@@ -45,7 +54,7 @@ def result_tables(summary: dict[str, Any]) -> list[Table]:
             _number(row["d_min"], ".3f"),
             _number(row["max_abs_phi"], ".4f"),
             _number(row["cost_integral"], ".1f"),
-            f"{_number(row['head_error_m'], '.2f')}, {_number(row['head_error_rad'], '.2f')}",
+            *(_number(row[f"head_error_{unit}"], ".2f") for unit in ("m", "rad")),
             _number(row["rollouts_per_decision"], ".1f"),
             *(_number(latency[key], ".0f") for key in ("p50", "p95")),
         )
@@ -53,7 +62,9 @@ def result_tables(summary: dict[str, Any]) -> list[Table]:
 
 
 def _table(title: str, columns: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", padding=(0, 1), box=None)
+    table = Table(
+        title=title, title_justify="left", title_style="bold", padding=(0, 2, 0, 0), box=None
+    )
     table.add_column("policy", style="bold", no_wrap=True)
     for column in columns:
         table.add_column(escape(column), justify="right")
