@@ -63,11 +63,11 @@ def result_tables(summary: dict[str, Any]) -> list[Table]:
 
 def _table(title: str, columns: tuple[str, ...]) -> Table:
     table = Table(
-        title=title, title_justify="left", title_style="bold", padding=(0, 2, 0, 0), box=None
+        title=title, title_justify="left", title_style="bold", padding=(0, 1, 0, 0), box=None
     )
     table.add_column("policy", style="bold", no_wrap=True)
     for column in columns:
-        table.add_column(escape(column), justify="right")
+        table.add_column(escape(column), justify="right", no_wrap=" " not in column)
     return table
 
 

@@ -220,7 +220,7 @@ def test_paper_500__gives_the_headline(folder: Path) -> None:
 def test_table__quotes_the_paper_beside_our_figures(folder: Path, report: Path) -> None:
     table = (folder / "table").read_text()
     quoted, quoted_motion = [line.split() for line in table.splitlines() if "quoted" in line]
-    assert quoted == ["the", "paper", "(quoted)", "496/500", "98.0-99.7", "27", "-", "-", "180"]
+    assert quoted[2:] == ["496/500", "98.0-99.7", "27", "-", "-", "180"]
     assert quoted_motion[2:4] == ["0.18", "<="]
     own = next(line.split() for line in table.splitlines() if line.split()[:1] == ["analytic"])
     assert own == ["analytic", "6/6", "61.0-100.0", "33", "39", "39.5", "51"]
