@@ -28,12 +28,12 @@ test: .venv/.dev ## every test
 test-interop: ## other people's libraries: each learns in a virtual environment of its own
 	@status=0; for name in $(INTEROP); do \
 		venv=.venv-interop/$$name; log=$$venv.log; pins=requirements/interop-$$name.txt; rm -f $$log; \
-		if $(MAKE) --no-print-directory $$venv/.made && \
+		if $(MAKE) --silent --no-print-directory $$venv/.made && \
 			RAY_USAGE_STATS_ENABLED=0 $$venv/bin/python \
 				examples/$$(echo $$name | tr - _)_*.py >$$log 2>&1; \
 		then verdict=passed; else verdict=FAILED; status=1; fi; \
 		versions=$$($$venv/bin/python -m pip freeze -q -r $$pins | \
-			sed '/^##/,$$d; s/==/ /' | paste -sd , -); \
+			sed '/^##/,$$d; /^#/d; s/==/ /' | paste -sd , -); \
 		echo "$$name: $$verdict: $$(grep -s -e '->' $$log | tail -n 1) ($$versions)"; \
 		test $$verdict = passed || test ! -f $$log || cat $$log; \
 	done; exit $$status

@@ -1,0 +1,60 @@
+"""The examples that need nothing but the development environment: each must learn, not only run."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+STEPS = {"sb3_ppo": 16_000, "sb3_dqn": 8_000, "cleanrl_ppo": 16_000, "planning": 3}
+NUMBER = r"(-?\d+(?:\.\d+)?)"
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_example__learns(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, f"examples/{name}.py", "--steps", str(STEPS[name]), "--seed", "0"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    match = re.search(rf"mean (return|time) {NUMBER}(?: s)? -> {NUMBER}", done.stdout)
+    assert match is not None, done.stdout
+    before, after = float(match[2]), float(match[3])
+    assert after > before if match[1] == "return" else after < before
+
+
+def test_example__fails_where_nothing_was_learned() -> None:
+    done = subprocess.run(
+        [sys.executable, "examples/cleanrl_ppo.py", "--steps", "1"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert "did not rise" in done.stderr
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example__names_itself_in_its_docstring(path: Path) -> None:
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert docstring is not None
+    assert f"python examples/{path.name} --steps " in docstring
+
+
+def test_interop__every_library_has_versions_and_one_example() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    libraries = re.search(r"^INTEROP \?= (.*)$", makefile, re.MULTILINE)[1].split()
+    assert libraries
+    for library in libraries:
+        pattern = library.replace("-", "_") + "_*.py"
+        assert len(list((ROOT / "examples").glob(pattern))) == 1
+        pins = (ROOT / f"requirements/interop-{library}.txt").read_text(encoding="utf-8")
+        assert "torch==" in pins
