@@ -84,7 +84,8 @@ def evaluate(options: Options) -> int:
         where = f"{options.out}: --resume goes on from there" if options.out else "lost (no --out)"
         print(f"interrupted: {done} finished episodes are in {where}", file=sys.stderr)
         return 130
-    for table in result_tables(summary):
+    for title, table in result_tables(summary):
+        console.print(title, style="bold", soft_wrap=True, markup=False)
         console.print(table)
     for line in failure_lines(summary):
         console.print(line, soft_wrap=True)

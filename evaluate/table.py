@@ -15,25 +15,18 @@ from snake_env.params import SnakeParams
 _PAPER = "paper (quoted)"
 
 
-def result_tables(summary: dict[str, Any]) -> list[Table]:
-    """Success and time of each policy, then motion and cost; with the paper where it compares."""
+def result_tables(summary: dict[str, Any]) -> list[tuple[str, Table]]:
+    """Success and time of each policy, then motion and cost; with the paper where it compares.
+
+    Returns:
+        Titles and tables.
+    """
     tasks = summary["tasks"]
-    outcome = _table(
-        f"{tasks['name']}: {tasks['n']} tasks, preset {summary['preset']}",
-        ("success", "95 %", "min", "median", "mean", "max [s]"),
-    )
+    title = f"{tasks['name']}: {tasks['n']} tasks, preset {summary['preset']}"
+    outcome = _table("success", "95 %", "min", "median", "mean", "max [s]")
     motion = _table(
-        "motion and cost of a decision",
-        (
-            "d_min [m]",
-            "max |phi|",
-            "int V",
-            "head off [m]",
-            "off [rad]",
-            "roll-outs",
-            "p50",
-            "p95 [us]",
-        ),
+        *("d_min [m]", "max |phi|", "int V", "head off [m]", "off [rad]"),
+        *("roll-outs", "p50", "p95 [us]"),
     )
     if summary["params"] == dataclasses.asdict(SnakeParams()):
         paper = (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180")
@@ -58,13 +51,11 @@ def result_tables(summary: dict[str, Any]) -> list[Table]:
             _number(row["rollouts_per_decision"], ".1f"),
             *(_number(latency[key], ".0f") for key in ("p50", "p95")),
         )
-    return [outcome, motion]
+    return [(title, outcome), ("motion and cost of a decision", motion)]
 
 
-def _table(title: str, columns: tuple[str, ...]) -> Table:
-    table = Table(
-        title=title, title_justify="left", title_style="bold", padding=(0, 1, 0, 0), box=None
-    )
+def _table(*columns: str) -> Table:
+    table = Table(padding=(0, 1, 0, 0), box=None)
     table.add_column("policy", style="bold", no_wrap=True)
     for column in columns:
         table.add_column(escape(column), justify="right", no_wrap=" " not in column)

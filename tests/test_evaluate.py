@@ -238,7 +238,7 @@ def test_tables__fit_into_80_columns() -> None:
         },
     }
     out = io.StringIO()
-    for table in result_tables(summary):
+    for _, table in result_tables(summary):
         Console(file=out, width=80).print(table)
     text = out.getvalue()
     assert "\u2026" not in text  # nothing is cut off
