@@ -11,6 +11,7 @@ import argparse
 import sys
 
 import gymnasium
+import numpy as np
 import torch
 from tianshou.algorithm import DQN
 from tianshou.algorithm.modelfree.dqn import DiscreteQLearningPolicy
@@ -23,7 +24,7 @@ from tianshou.utils.net.common import Net
 from snake_env.wrappers import ActionMaskObservation
 
 # The first simulation of the paper: a single task, so that learning shows within a minute.
-TASK = {"task_suite": "sim-1"}
+TASK = {"task_suite": "sim-1", "horizon": 30}
 
 
 class WithoutSummary(gymnasium.Wrapper):
@@ -61,13 +62,18 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(args.seed)
+    np.random.seed(args.seed)  # noqa: NPY002  # Tianshou explores with it
 
     single = make()
     size = single.observation_space["obs"].shape
     net = Net(state_shape=size, action_shape=single.action_space.n, hidden_sizes=[64, 64])
-    policy = DiscreteQLearningPolicy(model=net, action_space=single.action_space, eps_training=0.1)
+    policy = DiscreteQLearningPolicy(model=net, action_space=single.action_space, eps_training=0.2)
     algorithm = DQN(
-        policy=policy, optim=AdamOptimizerFactory(lr=1e-3), gamma=0.99, target_update_freq=200
+        policy=policy,
+        optim=AdamOptimizerFactory(lr=5e-4),
+        gamma=0.99,
+        n_step_return_horizon=3,
+        target_update_freq=200,
     )
     before = mean_return(algorithm, seed=1000, eps=1.0)
 
