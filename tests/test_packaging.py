@@ -31,7 +31,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The project as a checkout has it, without what is built there."""
     folder = tmp_path_factory.mktemp("copy") / "project"
     ignored = shutil.ignore_patterns(
-        *(".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "build", "dist"),
+        *(".git", ".venv*", ".*_cache", ".hypothesis", "__pycache__", "build", "dist"),
         *("*.egg-info", "report", "runs", "shared"),
     )
     shutil.copytree(ROOT, folder, ignore=ignored)
