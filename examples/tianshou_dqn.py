@@ -27,23 +27,10 @@ from snake_env.wrappers import ActionMaskObservation
 TASK = {"task_suite": "sim-1", "horizon": 30}
 
 
-class WithoutSummary(gymnasium.Wrapper):
-    """Leaves out the summary at an episode's end.
-
-    Tianshou keeps infos in its replay buffer and refuses text that only some of them have.
-    """
-
-    def step(self, action: int) -> tuple:
-        """Executes a mode."""
-        *result, info = self.env.step(action)
-        info.pop("episode_summary", None)
-        return *result, info
-
-
 def make() -> gymnasium.Env:
     """One robot, with its mask in the observation."""
     env = gymnasium.make("snake_env:SnakeModeSelection-v0", **TASK)
-    return WithoutSummary(ActionMaskObservation(env, "tianshou"))
+    return ActionMaskObservation(env, "tianshou")
 
 
 def mean_return(algorithm: DQN, seed: int, eps: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, SupportsFloat, cast
 
 import gymnasium
 import numpy as np
@@ -22,18 +22,20 @@ class MaskFormat:
         observation: Key of the observation.
         mask: Key of the mask.
         dtype: Type of the mask's entries.
+        summary: Whether infos may hold the episode's summary, which only the last of each does.
     """
 
     observation: str
     mask: str
     dtype: DTypeLike
+    summary: bool = True
 
 
 MASK_FORMATS = {
     "sb3": MaskFormat("observation", "action_mask", np.int8),
     "pettingzoo": MaskFormat("observation", "action_mask", np.int8),
     "rllib": MaskFormat("observations", "action_mask", np.float32),
-    "tianshou": MaskFormat("obs", "mask", np.bool_),
+    "tianshou": MaskFormat("obs", "mask", np.bool_, summary=False),  # its buffer refuses such
     "torchrl": MaskFormat("observation", "action_mask", np.bool_),
 }
 """The libraries' formats, by name."""
@@ -44,6 +46,8 @@ class ActionMaskObservation(
     gymnasium.utils.RecordConstructorArgs,
 ):
     """Makes observations dicts of observation and mask.
+
+    For Tianshou, whose replay buffer keeps infos, it leaves out ``info["episode_summary"]``.
 
     Args:
         env: The env.
@@ -64,6 +68,15 @@ class ActionMaskObservation(
         mask = spaces.Box(0, 1, (int(env.action_space.n),), dtype)
         both = {self.format.observation: env.observation_space, self.format.mask: mask}
         self.observation_space = cast(Any, spaces.Dict(both))
+
+    def step(
+        self, action: np.int64
+    ) -> tuple[dict[str, NDArray[Any]], SupportsFloat, bool, bool, dict[str, Any]]:
+        """Executes a mode."""
+        observation, reward, terminated, truncated, info = super().step(action)
+        if not self.format.summary:
+            info.pop("episode_summary", None)
+        return observation, reward, terminated, truncated, info
 
     def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """The observation with the mask of now."""

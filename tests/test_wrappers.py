@@ -42,6 +42,15 @@ def test_pettingzoo_style__env_masks_sample_only_valid_modes() -> None:
                 break
 
 
+@pytest.mark.parametrize(("library", "kept"), [("tianshou", False), ("sb3", True)])
+def test_summary__is_left_out_where_a_library_can_not_take_it(library: str, kept: bool) -> None:
+    env = ActionMaskObservation(gymnasium.make(ID, horizon=1), library)
+    env.reset(seed=0)
+    *_, terminated, truncated, info = env.step(0)
+    assert terminated or truncated
+    assert ("episode_summary" in info) == kept
+
+
 def test_spec__keeps_the_wrapper() -> None:
     env = ActionMaskObservation(gymnasium.make(ID), "tianshou")
     again = gymnasium.make(env.spec)
