@@ -26,7 +26,7 @@ from evaluate.table import failure_lines, result_tables
 from snake_env.errors import SnakeEnvError
 from snake_env.masks import warm_up
 from snake_env.params import SnakeParams
-from snake_env.tasks import TaskSuite, load_tasks
+from snake_env.tasks import load_tasks
 
 _PORTION = 16  # episodes for each worker of a Ray cluster at a time
 
@@ -67,7 +67,12 @@ def evaluate(options: Options) -> int:
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
     warm_up(params)  # compiled once, before there are workers
     console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
-    shards = [shard for name in options.policies for shard in _shards(name, suite, params)]
+    states = [suite.initial(task, params) for task in range(len(suite))]
+    shards = [
+        Shard(name, [task], [state], params)
+        for name in options.policies
+        for task, state in enumerate(states)
+    ]
     shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
     _take_signals(signal.default_int_handler)
     began = time.monotonic()
@@ -109,11 +114,6 @@ def _take_signals(handler: Any) -> None:
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, handler)
-
-
-def _shards(policy: str, suite: TaskSuite, params: SnakeParams) -> Iterable[Shard]:
-    for task in range(len(suite)):
-        yield Shard(policy, [task], [suite.initial(task, params)], params)
 
 
 def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:

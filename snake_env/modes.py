@@ -37,8 +37,7 @@ class ModeTable:
         given = as_integer(n_joints)
         if given is None or not low <= given <= high:
             raise InvalidInputError("n_joints", n_joints, f"an integer from {low} to {high}")
-        self.n_joints = given
-        n_joints = given
+        self.n_joints = n_joints = given
         most = n_joints - 1 - MIN_GROUNDED
         patterns = [
             wheels

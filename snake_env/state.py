@@ -157,19 +157,6 @@ class StateBatch:
         chosen = np.asarray(indices, dtype=np.intp)
         return StateBatch(**{name: getattr(self, name)[chosen] for name in _FIELDS})
 
-    def where(self, condition: NDArray[np.bool_], other: StateBatch) -> StateBatch:
-        """These states where the condition (N,) holds, the other's elsewhere."""
-        return StateBatch(
-            **{
-                name: np.where(
-                    condition[:, None] if getattr(self, name).ndim == 2 else condition,
-                    getattr(self, name),
-                    getattr(other, name),
-                )
-                for name in _FIELDS
-            }
-        )
-
     def put(self, indices: ArrayLike, other: StateBatch) -> StateBatch:
         """A copy in which the states at the given positions are the other's."""
         chosen = np.asarray(indices, dtype=np.intp)
