@@ -24,8 +24,8 @@ from evaluate.statistics import summarise
 from evaluate.store import Store
 from evaluate.table import failure_lines, result_tables
 from snake_env.errors import SnakeEnvError
-from snake_env.masks import warm_up
 from snake_env.params import SnakeParams
+from snake_env.programs import warm_up
 from snake_env.tasks import load_tasks
 
 _PORTION = 16  # episodes for each worker of a Ray cluster at a time

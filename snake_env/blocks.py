@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import cast
@@ -52,7 +54,7 @@ class BlockProgram:
     def blocks(self, count: int) -> NDArray[np.float64]:
         """An uninitialised lane buffer for ``count`` lanes: (n_blocks, n_rows, lanes), aligned."""
         shape = (-(-count // self.lanes), self.n_rows, self.lanes)
-        size = int(np.prod(shape))
+        size = math.prod(shape)
         raw = np.empty(size + 7)
         offset = -(raw.ctypes.data // 8) % 8
         return raw[offset : offset + size].reshape(shape)
@@ -86,6 +88,18 @@ class BlockProgram:
         edges = [n_blocks * k // n_threads for k in range(n_threads + 1)]
         tasks = [(first, stop - first) for first, stop in itertools.pairwise(edges)]
         list(pool.map(part, *zip(*tasks, strict=True)))
+
+    def bind(
+        self, blocks: NDArray[np.float64], constants: NDArray[np.float64]
+    ) -> Callable[[], None]:
+        """What comes last, on these blocks, in one thread: for calls so short that addresses count.
+
+        Args:
+            blocks: As in :meth:`run`; must live as long as what is returned.
+            constants: As in :meth:`run`; must live as long as what is returned.
+        """
+        addresses = blocks.ctypes.data, constants.ctypes.data, 0
+        return functools.partial(self._run, *addresses, 0, len(blocks))
 
 
 class _Threads:

@@ -9,21 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.errors import UnknownNameError
-from snake_env.kernel import get_kernel
-from snake_env.mask_kernel import MAX_MODES, get_mask_kernel, stable_modes
+from snake_env.mask_kernel import MAX_MODES, get_mask_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.simulation import instantly_stable, predict_batch
-from snake_env.state import IntArray, StateBatch
+from snake_env.state import IntArray, SnakeState, StateBatch
 
 MaskLevel = Literal["structural", "instant", "lookahead"]
-
-
-def warm_up(params: SnakeParams) -> None:
-    """Compiles or loads all the code that predictions and masks for these constants need."""
-    get_kernel(params.n_joints, params.head_contact)
-    if len(mode_table(params.n_joints)) <= MAX_MODES:
-        get_mask_kernel(params.n_joints, params.head_contact)
 
 
 def check_mask_level(level: str) -> None:
@@ -50,19 +42,31 @@ def action_masks(states: StateBatch, level: MaskLevel, params: SnakeParams) -> N
         UnknownNameError: No such level.
     """
     check_mask_level(level)
-    structural: NDArray[np.bool_] = mode_table(params.n_joints).masks(states.phase)
+    table = mode_table(params.n_joints)
     if level == "structural":
-        return structural.copy()
-    stable = (
-        stable_modes(states, params)
-        if structural.shape[1] <= MAX_MODES
-        else _each(structural, states, params, instantly_stable)
-    )
-    instant = _or_else(structural & stable, structural)
+        return table.masks(states.phase).copy()
+    instant: NDArray[np.bool_]
+    if len(table) > MAX_MODES:
+        structural = table.masks(states.phase)
+        instant = _or_else(_each(structural, states, params, instantly_stable), structural)
+    else:
+        kernel = get_mask_kernel(params.n_joints, params.head_contact)
+        instant = kernel.of_many(params, (states.phi, states.phase), np.bool_)
     if level == "instant":
         return instant
     feasible = _each(instant, states, params, lambda *pair: predict_batch(*pair).feasible)
     return _or_else(feasible, instant)
+
+
+def instant_mask(state: SnakeState, params: SnakeParams) -> NDArray[np.bool_]:
+    """The mask ``instant`` of a single state, to the bit, in some microseconds: shape (n_modes,)."""
+    mask: NDArray[np.bool_]
+    if len(mode_table(params.n_joints)) > MAX_MODES:
+        mask = action_masks(StateBatch.stack([state]), "instant", params)[0]
+    else:
+        kernel = get_mask_kernel(params.n_joints, params.head_contact)
+        mask = kernel.of_one(params, (state.phi, state.phase), np.bool_)
+    return mask
 
 
 def _each(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from snake_env.features import SUPPORT_DIRECTIONS, features
+from snake_env.lane_function import LaneFunction
+from snake_env.masks import instant_mask
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.state import FloatArray, StateBatch
-
-HEAD_SCALE_M = 0.1
-HEAD_SCALE_RAD = 0.5
-TIME_SCALE_S = 30.0
-TURN_SCALE_RAD = 0.5
-SUPPORT_DIRECTIONS = 8
+from snake_env.scalars import Scalar
+from snake_env.state import FloatArray, SnakeState, StateBatch
 
 
 def observation_rows(n_joints: int) -> list[tuple[str, int]]:
@@ -55,68 +56,49 @@ def observe(states: StateBatch, params: SnakeParams) -> NDArray[np.float32]:
         Shape (N, observation_size), float32, freshly allocated. The rows are described in
         :class:`snake_env.env.SnakeModeSelectionEnv`.
     """
-    n, count = params.n_joints, len(states)
-    lanes = np.arange(count)
-    limit = params.phi_limit
-    scp = np.minimum(states.phase, n) - 1
-    error = states.target - states.phi
-    phase = np.zeros((count, n + 1))
-    phase[lanes, states.phase - 1] = 1.0
-    last_lifted = np.where(
-        states.last_mode[:, None] >= 0, mode_table(n).lifted[states.last_mode], False
-    )
-    # Head's frame, in link lengths: joint J_k is one link behind J_{k-1}; link 0 points along +x.
-    heading = np.cumsum(states.phi, axis=1)
-    direction = np.stack([np.cos(heading), np.sin(heading)], axis=2)
-    front = np.concatenate([np.tile([[[1.0, 0.0]]], (count, 1, 1)), direction[:, :-1]], axis=1)
-    centres = -np.cumsum(front, axis=1) - 0.5 * direction
-    gravity = (centres.sum(axis=1) - [0.5, 0.0]) / (n + 1)
-    observation = np.concatenate(
-        [
-            states.phi / limit,
-            states.target / limit,
-            error / (2.0 * limit),
-            1.0 - np.abs(states.phi) / limit,
-            phase,
-            (error[lanes, scp] / (2.0 * limit))[:, None],
-            (states.ref_start / limit)[:, None],
-            (states.phase_time / params.cam_time)[:, None],
-            (states.phase_time / TIME_SCALE_S)[:, None],
-            last_lifted,
-            (states.last_turn / TURN_SCALE_RAD)[:, None],
-            (states.w - params.w_d) / [HEAD_SCALE_M, HEAD_SCALE_M, HEAD_SCALE_RAD],
-            direction.reshape(count, -1),
-            (centres / (n + 1)).reshape(count, -1),
-            gravity / (n + 1),
-            _support_margins(direction, centres, gravity, scp, params),
-        ],
-        axis=1,
-    )
-    clipped: NDArray[np.float32] = np.clip(observation, -1.0, 1.0).astype(np.float32)
-    return clipped
+    kernel = get_observation_kernel(params.n_joints, params.head_contact)
+    return kernel.of_many(params, _arguments(states, params), np.float32)
 
 
-def _support_margins(
-    direction: FloatArray,
-    centres: FloatArray,
-    gravity: FloatArray,
-    scp: NDArray[np.int64],
-    params: SnakeParams,
-) -> FloatArray:
-    """How far the support reaches beyond the centre of gravity in evenly spread directions.
+def observe_one(
+    state: SnakeState, params: SnakeParams
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """All that a learned policy needs for a decision, in some microseconds.
 
-    The support is that of the mode that lifts no rear wheel: the largest there is. The robot is stable
-    in that mode only if every value is positive. Shape (N, SUPPORT_DIRECTIONS), in link lengths.
+    Args:
+        state: The robot at t_k.
+        params: The constants.
+
+    Returns:
+        The observation, shape (observation_size,), and the instant mask, shape (n_modes,): to the bit
+        what :func:`observe` and :func:`snake_env.masks.action_masks` give for it.
     """
-    angles = np.arange(SUPPORT_DIRECTIONS) * (2.0 * np.pi / SUPPORT_DIRECTIONS)
-    towards = np.stack([np.cos(angles), np.sin(angles)])
-    half_track = 0.25 * params.track / params.l
-    reach = centres @ towards
-    sideways = np.abs(direction[:, :, ::-1] * [-1.0, 1.0] @ towards) * half_track
-    reach = reach + sideways
-    reach[np.arange(len(scp)), scp] = -np.inf
-    support: FloatArray = reach.max(axis=1)
-    if params.head_contact:
-        support = np.maximum(support, np.array([-0.5, 0.0]) @ towards)
-    margins: FloatArray = support - gravity @ towards
-    return margins
+    kernel = get_observation_kernel(params.n_joints, params.head_contact)
+    observation = kernel.of_one(params, _arguments(state, params), np.float32)
+    return observation, instant_mask(state, params)
+
+
+def _arguments(state: SnakeState | StateBatch, params: SnakeParams) -> tuple[Any, ...]:
+    """What :func:`features` needs, of one state or of many."""
+    return (
+        *(state.phi, state.target, state.w, state.phase, state.phase_time, state.ref_start),
+        *(state.last_turn, _lifted_before(params.n_joints)[state.last_mode + 1]),
+    )
+
+
+@functools.cache
+def _lifted_before(n_joints: int) -> FloatArray:
+    """The rear wheels that each mode lifts; no mode, -1, comes first: shape (1 + n_modes, n)."""
+    return np.insert(mode_table(n_joints).lifted.astype(np.float64), 0, 0.0, axis=0)
+
+
+@functools.cache
+def get_observation_kernel(n_joints: int, head_contact: bool) -> LaneFunction:
+    """The shared program for these sizes, compiled or loaded from the cache on first use."""
+    n = n_joints
+
+    def observation(p: SnakeParams, *arguments: Any) -> list[Scalar]:
+        return [value for values in features(p, *arguments).values() for value in values]
+
+    lengths = (n, n, 3, 1, 1, 1, 1, n)  # of what _arguments gives
+    return LaneFunction(observation, lengths, head_contact, f"the observation of {n} joints")

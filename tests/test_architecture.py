@@ -11,9 +11,11 @@ PACKAGE = Path(__file__).parents[1] / "snake_env"
 # nothing of Gymnasium.
 ORDER = [
     *("errors", "params", "tracing", "scalars", "kinematics", "modes", "state"),
-    *("control", "cost", "stability", "compiler", "blocks", "kernel", "mask_kernel", "simulation"),
-    *("optimizer", "tasks", "masks", "episode", "reward", "skid", "observation", "transition"),
-    *("core", "drawing", "rendering", "env", "wrappers", "policies", "vector_env", "sb3"),
+    *("control", "cost", "stability", "features", "compiler", "blocks", "kernel", "lane_function"),
+    *("mask_kernel", "simulation", "optimizer", "tasks", "masks", "episode", "reward", "skid"),
+    *("observation", "programs", "network", "model_file", "value", "search", "lookahead"),
+    *("transition", "core", "drawing", "rendering", "env", "wrappers"),
+    *("policies", "vector_env", "sb3"),
     *("__init__", "__main__"),
 ]
 PHYSICS = ORDER[: ORDER.index("env")]

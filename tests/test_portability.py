@@ -19,14 +19,16 @@ if sys.argv[1] != "native":
     llvm.get_host_cpu_features = NoFeatures
 from snake_env import ModeTable, SnakeParams, load_tasks, predict
 from snake_env.masks import action_masks
+from snake_env.observation import observe
 from snake_env.state import StateBatch
 params = SnakeParams()
 suite = load_tasks("random:3:5", params)
 for task in range(3):
     state = suite.initial(task, params)
     prediction = predict(state, ModeTable(8).valid(1), params)
-    masks = action_masks(StateBatch.stack([state]), "instant", params)
-    for array in (prediction.phi, prediction.cost, prediction.d_min, prediction.j, masks):
+    batch = StateBatch.stack([state])
+    seen = observe(batch, params), action_masks(batch, "instant", params)
+    for array in (prediction.phi, prediction.cost, prediction.d_min, prediction.j, *seen):
         sys.stdout.write(array.tobytes().hex() + "\\n")
 """
 

@@ -1,0 +1,80 @@
+"""Value functions: how many intervals a state still needs until the target is reached."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model, read_model
+from snake_env.observation import observe
+from snake_env.params import SnakeParams
+from snake_env.reward import potential
+from snake_env.state import FloatArray, StateBatch
+
+
+class ValueFunction(Protocol):
+    """Estimates the cost-to-go of states."""
+
+    def __call__(self, states: StateBatch) -> FloatArray:
+        """Intervals that each state still needs, shape (N,); 0 where the target is reached."""
+
+
+class PhaseValue:
+    """Without a network: one interval for each phase left, this one by its error.
+
+    Args:
+        params: The constants.
+    """
+
+    def __init__(self, params: SnakeParams) -> None:
+        self._params = params
+
+    def __call__(self, states: StateBatch) -> FloatArray:
+        """Minus the potential of the reward's shaping term."""
+        return -potential(states, self._params)
+
+
+class NetworkValue:
+    """A trained network.
+
+    Args:
+        model: Of the kind ``value``.
+        params: The constants.
+
+    Raises:
+        InvalidInputError: The model is not for these robots, or of another kind.
+    """
+
+    def __init__(self, model: Model, params: SnakeParams) -> None:
+        if model.kind != "value":
+            raise InvalidInputError("model.kind", model.kind, "value")
+        model.check(params)
+        self._network, self._params = model.network, params
+
+    def __call__(self, states: StateBatch) -> FloatArray:
+        """The network's estimates."""
+        estimates = self._network(observe(states, self._params))[:, 0].astype(np.float64)
+        reached = states.phase > self._params.n_joints
+        result: FloatArray = np.where(reached, 0.0, estimates)
+        return result
+
+
+@functools.lru_cache(maxsize=16)
+def pretrained(name: str, n_joints: int, head_contact: bool) -> Model | None:
+    """The shipped model of a policy for such robots; None where there is none."""
+    variant = name if head_contact else f"{name}-narrow"
+    suffix = "" if n_joints == 8 else f"-{n_joints}"
+    with importlib.resources.as_file(importlib.resources.files("snake_env")) as package:
+        path = Path(package) / "pretrained" / f"{variant}{suffix}.safetensors"
+        return read_model(path) if path.is_file() else None
+
+
+def load_value(params: SnakeParams) -> ValueFunction:
+    """The shipped network for such robots, or :class:`PhaseValue` where there is none."""
+    model = pretrained("value", params.n_joints, params.head_contact)
+    return PhaseValue(params) if model is None else NetworkValue(model, params)
