@@ -34,7 +34,7 @@ _PORTION = 16  # episodes for each worker of a Ray cluster at a time
 def main() -> int:
     """Runs the command; its exit code."""
     try:
-        options = parse(Options, "python -m evaluate", Options.__doc__)
+        options = parse(Options, "python -m evaluate")
         return evaluate(options)
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -7,7 +7,7 @@ import importlib.util
 import io
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -77,8 +77,19 @@ class Options:
 T = TypeVar("T")
 
 
-def parse(options: type[T], prog: str, description: str | None) -> T:
+def parse(
+    options: type[T],
+    prog: str,
+    args: Sequence[str] | None = None,
+    default: T | None = None,
+) -> T:
     """Options from the command line; help goes to the terminal as tyro makes it.
+
+    Args:
+        options: A dataclass; the docstrings under its fields are their help.
+        prog: The command's name.
+        args: The command line; default: the process's own.
+        default: Values of the options that are not given; default: the dataclass's own.
 
     Raises:
         OptionError: An option does not exist or its value has the wrong type.
@@ -87,7 +98,12 @@ def parse(options: type[T], prog: str, description: str | None) -> T:
     try:
         with contextlib.redirect_stderr(complaint):
             return tyro.cli(
-                options, prog=prog, description=description, config=(tyro.conf.FlagCreatePairsOff,)
+                options,
+                prog=prog,
+                description=options.__doc__,
+                args=args,
+                default=default,
+                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
             )
     except SystemExit as leaving:
         if not leaving.code:

@@ -72,7 +72,7 @@ def input_changes(policy: str, state: SnakeState, params: SnakeParams, seed: int
 def main() -> int:
     """Runs the command; its exit code."""
     try:
-        options = parse(Options, "python -m evaluate.smoothness", __doc__)
+        options = parse(Options, "python -m evaluate.smoothness")
         params = SnakeParams.preset(options.preset, **parse_overrides(options.set))
         load_policy(options.policy, params)
         suite = load_tasks(options.tasks, params)

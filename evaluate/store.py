@@ -9,12 +9,11 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from evaluate.journal import Journal, writable_folder, write_atomically
 from evaluate.protocol import COLUMNS, Row, ShardResult
 from snake_env.errors import InvalidInputError
 
@@ -42,35 +41,29 @@ class Store:
         self.results: dict[Key, ShardResult] = {}
         if folder is None:
             return
-        self._partial = folder / "episodes.partial.jsonl"
-        if resume and not self._partial.is_file():
+        path = folder / "episodes.partial.jsonl"
+        if resume and not path.is_file():
             raise InvalidInputError("resume", str(folder), "a folder with an interrupted run")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                pass
-        except OSError as error:
-            expected = f"a folder to write to ({error.strerror})"
-            raise InvalidInputError("out", str(folder), expected) from None
-        header = json.dumps({"config": config})
-        if resume:
-            self._read(header)
-            return
-        if any(folder.iterdir()) and not overwrite:
-            raise InvalidInputError(
-                "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
-            )
-        for pattern in ("episodes.csv", "summary.json", "fig4-*.png", "sim-1-*.png"):
-            for stale in folder.glob(pattern):
-                stale.unlink()
-        self._partial.write_text(header + "\n", encoding="utf-8")
+        writable_folder(folder)
+        if not resume:
+            if any(folder.iterdir()) and not overwrite:
+                raise InvalidInputError(
+                    "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
+                )
+            for pattern in ("episodes.csv", "summary.json", "fig4-*.png", "sim-1-*.png"):
+                for stale in folder.glob(pattern):
+                    stale.unlink()
+        self._journal = Journal(path, config, resume=resume)
+        for entry in self._journal.entries:
+            policy, first = entry["key"]
+            self.results[policy, first] = ShardResult(entry["rows"], entry["latencies_us"])
 
     def add(self, key: Key, result: ShardResult) -> None:
         """Takes a finished shard."""
         self.results[key] = result
         if self.folder is not None:
-            with self._partial.open("a", encoding="utf-8") as file:
-                file.write(self._line(key, result) + "\n")
+            latencies = [round(value, 1) for value in result.latencies_us]
+            self._journal.append({"key": key, "rows": result.rows, "latencies_us": latencies})
 
     def rows(self, policy: str) -> list[Row]:
         """A policy's rows so far, by task."""
@@ -96,40 +89,4 @@ class Store:
         write_atomically(self.folder / "episodes.csv", text.getvalue())
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         if complete:
-            self._partial.unlink(missing_ok=True)
-
-    @staticmethod
-    def _line(key: Key, result: ShardResult) -> str:
-        latencies = [round(value, 1) for value in result.latencies_us]
-        return json.dumps({"key": key, "rows": result.rows, "latencies_us": latencies})
-
-    def _read(self, header: str) -> None:
-        lines = self._partial.read_text(encoding="utf-8").splitlines()
-        if not lines or lines[0] != header:
-            raise InvalidInputError(
-                "resume", str(self.folder), "a run with the same policies, tasks and constants"
-            )
-        for line in lines[1:]:
-            try:
-                entry = json.loads(line)
-            except ValueError:
-                continue  # the line that a kill tore off
-            policy, first = entry["key"]
-            self.results[policy, first] = ShardResult(entry["rows"], entry["latencies_us"])
-        kept = [header, *(self._line(key, result) for key, result in self.results.items())]
-        write_atomically(self._partial, "\n".join(kept) + "\n")
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Writes a text file so that a reader sees the old one or the whole new one."""
-    file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
-        "w", dir=path.parent, encoding="utf-8", newline="", delete=False
-    )
-    try:
-        with file:
-            file.write(text)
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except BaseException:
-        Path(file.name).unlink(missing_ok=True)
-        raise
+            self._journal.remove()

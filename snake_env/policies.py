@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
+import inspect
 import json
 from collections.abc import Callable
 from typing import Protocol
@@ -13,12 +14,15 @@ from numpy.typing import NDArray
 
 from snake_env.blocks import LANES
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.masks import action_masks
+from snake_env.lookahead import LookaheadPolicy
+from snake_env.masks import instant_mask
 from snake_env.modes import mode_table
 from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
+from snake_env.search import expand
 from snake_env.simulation import predict
 from snake_env.state import SnakeState, StateBatch
+from snake_env.value import ValueFunction, load_value
 
 
 class Policy(Protocol):
@@ -77,6 +81,32 @@ class FirstFeasiblePolicy:
         return int(modes[0])
 
 
+class ValuePolicy:
+    """The feasible mode whose successor needs the fewest intervals: predicts all modes, as (21) does.
+
+    Args:
+        params: The constants that it predicts with.
+        value: Default: the shipped network.
+    """
+
+    def __init__(self, params: SnakeParams, value: ValueFunction | None = None) -> None:
+        self.params = params
+        self.rollouts = 0
+        self._value = load_value(params) if value is None else value
+        self._optimizer = AnalyticOptimizer(params)
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode; nothing is remembered."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        """The feasible mode of best value; where none is feasible, the one that holds out longest."""
+        tree = expand(StateBatch.stack([state]), self.params)
+        self.rollouts += tree.rollouts
+        if len(tree.mode) == 0:
+            return self._optimizer.select(state).last_resort
+        return int(tree.mode[np.argmin(self._value(tree.states))])
+
+
 _POLICY_STREAMS = (0, 1)
 """Spawn key of policies' random numbers: no task's numbers are among them."""
 
@@ -96,8 +126,7 @@ class RandomPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """A random mode of the instant mask."""
-        mask = action_masks(StateBatch.stack([state]), "instant", self.params)[0]
-        return int(self._rng.choice(np.flatnonzero(mask)))
+        return int(self._rng.choice(np.flatnonzero(instant_mask(state, self.params))))
 
 
 @functools.lru_cache(maxsize=1)
@@ -117,13 +146,15 @@ def _analytic_14(params: SnakeParams) -> AnalyticPolicy:
     return AnalyticPolicy(params, _reduced_candidates())
 
 
-POLICIES: dict[str, Callable[[SnakeParams], Policy]] = {
+POLICIES: dict[str, Callable[..., Policy]] = {
     "analytic": AnalyticPolicy,
     "analytic-14": _analytic_14,
     "first-feasible": FirstFeasiblePolicy,
     "random": RandomPolicy,
+    "value": ValuePolicy,
+    "lookahead": LookaheadPolicy,
 }
-"""Every policy by name; each entry makes one for given constants."""
+"""Every policy by name; each entry makes one for given constants, and options where it has any."""
 
 
 def load_policy(name: str, params: SnakeParams | None = None) -> Policy:
@@ -131,13 +162,35 @@ def load_policy(name: str, params: SnakeParams | None = None) -> Policy:
 
     Args:
         name: ``analytic`` (21), ``analytic-14`` (21 over at most 14 candidates a phase, as the paper's
-            Table II), ``first-feasible`` or ``random``.
+            Table II), ``first-feasible``, ``random``, ``value`` (the feasible mode whose successor is
+            worth most) or ``lookahead`` (a planner). Options follow a colon, as in
+            ``lookahead:width=16,deadline_ms=inf``.
         params: The constants that it predicts with; default: the preset ``paper``.
 
     Raises:
-        UnknownNameError: No such policy.
-        InvalidInputError: The policy does not exist for these constants.
+        UnknownNameError: No such policy, or no such option.
+        InvalidInputError: The policy does not exist for these constants, or not with this option.
     """
-    if name not in POLICIES:
-        raise UnknownNameError("policy", name, POLICIES)
-    return POLICIES[name](params or SnakeParams())
+    base, colon, text = name.partition(":")
+    if base not in POLICIES:
+        raise UnknownNameError("policy", base, POLICIES)
+    return POLICIES[base](params or SnakeParams(), **_options(base, text) if colon else {})
+
+
+def _options(name: str, text: str) -> dict[str, float]:
+    """A policy's options from ``key=value,key=value``: numbers."""
+    known = [
+        key
+        for key, parameter in inspect.signature(POLICIES[name]).parameters.items()
+        if parameter.annotation in ("int", "float", "int | None")
+    ]
+    options: dict[str, float] = {}
+    for assignment in text.split(","):
+        key, _, value = assignment.partition("=")
+        if key not in known:
+            raise UnknownNameError(f"option of {name}", key, known)
+        try:
+            options[key] = int(value) if value.lstrip("-").isdigit() else float(value)
+        except ValueError:
+            raise InvalidInputError(f"{name}:{key}", value, "a number") from None
+    return options

@@ -143,7 +143,7 @@ def search(
         )
         if found is not None and found.better_than(plan):
             plan = found
-    noise = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_STREAM))
+    noise = noise_of(seed)
     for _ in range(restarts):
         if plan is not None or budget.exhausted:
             break
@@ -151,6 +151,11 @@ def search(
             start, value, params, width=width, longest=left, budget=budget, depth=depth, noise=noise
         )
     return plan
+
+
+def noise_of(seed: int) -> np.random.Generator:
+    """The source of the noise in searches that a task's id seeds."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_STREAM))
 
 
 def analytic_plan(

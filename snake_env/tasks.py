@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import zipfile
 import zlib
@@ -16,14 +17,34 @@ from snake_env.params import SnakeParams
 from snake_env.simulation import least_distances
 from snake_env.state import FloatArray, SnakeState, checked_shape
 
+_PAPER_SHAPES = (8, SnakeParams().l, SnakeParams().phi_limit)
 _BAD_ZIP = (zipfile.BadZipFile, zlib.error, RuntimeError)  # RuntimeError: it is encrypted
 # Simulation 1 of the paper, section V. Its -1.57 rad is within the limit of pi/2.
 _SIM_1 = (
     (0.63, -0.44, -1.57, -0.36, -0.57, -0.34, -1.00, -0.91),
     (0.29, 0.30, -1.02, 1.36, -1.39, -0.94, 0.025, 0.81),
 )
+FROZEN = {
+    "paper-500": (500, 0, "fb0e3fa6b67448d29b9a1f63ea29e34fabe3ae9f69195b7293fae39d68e23489"),
+    "validation-2k": (
+        2000,
+        7_002_000,
+        "5e67b18d7b31b09b314911da6ed3937b57db7193805461465dd0c71c7617e65d",
+    ),
+    "test-10k": (
+        10_000,
+        7_010_000,
+        "ddafc98c9a2d745a1e6a8e0940786d320f20164a0286dd9dd5a065cacdf60d25",
+    ),
+}
+"""Suites that never change: their size, their seed, and the SHA-256 of their tasks for 8 joints.
+
+Each has a seed of its own, so they share no task. Nothing is ever trained or tuned on ``test-10k``.
+"""
 SUITES = {
     "paper-500": "500 random tasks as in section V of the paper: random:500:0, frozen",
+    "validation-2k": "2000 random tasks to choose between agents with: random:2000:7002000, frozen",
+    "test-10k": "10,000 random tasks for the last word: random:10000:7010000, frozen",
     "sim-1": "simulation number 1 of the paper, Fig. 5",
     "random:N[:SEED]": "N random tasks from a seed (default 0)",
     "FILE.npz": "your own: arrays phi0 (N, n) and target (N, n) [rad]",
@@ -96,8 +117,20 @@ def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = 
     return TaskSuite(name or f"random:{count}:{seed}", phi0, target)
 
 
+def _frozen_suite(name: str, params: SnakeParams) -> TaskSuite:
+    """A frozen suite; for 8 joints it is checked that NumPy still draws the same tasks."""
+    count, seed, digest = FROZEN[name]
+    suite = random_suite(count, seed, params, name)
+    if (params.n_joints, params.l, params.phi_limit) == _PAPER_SHAPES:
+        drawn = hashlib.sha256(np.concatenate([suite.phi0, suite.target]).tobytes()).hexdigest()
+        if drawn != digest:
+            expected = f"a version that draws the tasks of {name}"
+            raise InvalidInputError("numpy", np.__version__, expected)
+    return suite
+
+
 def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
-    """The tasks of a suite: ``paper-500``, ``sim-1``, ``random:N[:SEED]`` or an ``.npz`` file.
+    """The tasks of a suite: one of :data:`SUITES`.
 
     Args:
         name: The suite's name, or the file's path. A file holds ``phi0`` and ``target``, both of
@@ -109,8 +142,8 @@ def load_tasks(name: str | Path, params: SnakeParams) -> TaskSuite:
         InvalidInputError: A malformed file or a bad task; the message names the row.
     """
     text = str(name)
-    if text == "paper-500":
-        return random_suite(500, 0, params, text)
+    if text in FROZEN:
+        return _frozen_suite(text, params)
     if text == "sim-1":
         if params.n_joints != len(_SIM_1[0]):
             raise InvalidInputError("n_joints", params.n_joints, "8 for the suite sim-1")

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from evaluate.journal import write_atomically
 from evaluate.protocol import ShardResult
-from evaluate.store import Store, write_atomically
+from evaluate.store import Store
 from snake_env.errors import InvalidInputError
 
 CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}
@@ -107,7 +108,7 @@ def test_resumed_results__are_equal_to_the_digit(tmp_path: Path) -> None:
 def test_resume__refuses_another_config(tmp_path: Path, other: dict[str, Any]) -> None:
     _store(tmp_path).add(("a", 0), _result("a", 0))
     before = (tmp_path / "episodes.partial.jsonl").read_bytes()
-    with pytest.raises(InvalidInputError, match="same policies, tasks and constants"):
+    with pytest.raises(InvalidInputError, match="same policies, tasks, options and constants"):
         Store(tmp_path, other, overwrite=False, resume=True)
     assert (tmp_path / "episodes.partial.jsonl").read_bytes() == before
 

@@ -1,0 +1,92 @@
+"""The shortest plans found for the tasks of a suite, and the search for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from snake_env.params import SnakeParams
+from snake_env.search import Budget, Plan, analytic_plan, beam_search, noise_of
+from snake_env.simulation import advance
+from snake_env.state import SnakeState
+from snake_env.value import PhaseValue, load_value
+
+FIRST_WIDTH = 8
+COLUMNS = ("task", "intervals", "time_s", "cost", "rollouts", "width", "modes")
+"""Columns of a table of plans: a task without a plan has no intervals, time, cost and modes.
+
+``rollouts`` and ``width`` tell how hard it was tried: model roll-outs, and the widest search.
+"""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A task to be solved: a shard of the search.
+
+    Attributes:
+        task: Its id in the suite: decides the random numbers.
+        state: Where it begins.
+        known: Modes of a plan that is known already, or empty.
+        rollouts: Model roll-outs to spend.
+        params: The constants.
+    """
+
+    task: int
+    state: SnakeState
+    known: tuple[int, ...]
+    rollouts: int
+    params: SnakeParams
+
+
+def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Plan | None:
+    """The plan that these modes are, or None if they do not lead to the target."""
+    states, cost = [], 0.0
+    for mode in modes:
+        states.append(state)
+        state, prediction = advance(state, mode, params)
+        cost += float(prediction.cost[0])
+        if not prediction.feasible[0]:
+            return None
+    return Plan(modes, states, cost) if state.done else None
+
+
+def solve(problem: Problem) -> Row:
+    """Searches for the shortest plan: (21), then beams, each twice as wide as the one before.
+
+    Widths double until the budget is spent. Every width is tried with the learned value and, as long as
+    there is no plan, with the phases left instead and with perturbed values.
+    """
+    params, state = problem.params, problem.state
+    budget = Budget(rollouts=problem.rollouts)
+    plan = replay(state, problem.known, params)
+    greedy = analytic_plan(state, params, params.horizon, budget)
+    if greedy is not None and greedy.better_than(plan):
+        plan = greedy
+    value, phases, noise = load_value(params), PhaseValue(params), noise_of(problem.task)
+    width = FIRST_WIDTH
+    while not budget.exhausted:
+        for rank, random in ((value, None), (phases, None), (value, noise), (phases, noise)):
+            longest = params.horizon if plan is None else len(plan)
+            found = beam_search(
+                *(state, rank, params),
+                width=width,
+                longest=longest,
+                budget=budget,
+                noise=random,
+            )
+            if found is not None and found.better_than(plan):
+                plan = found
+            if plan is not None:
+                break
+        width *= 2
+    return {
+        "task": problem.task,
+        "intervals": "" if plan is None else len(plan),
+        "time_s": "" if plan is None else len(plan) * params.delta_t,
+        "cost": "" if plan is None else round(plan.cost, 6),
+        "rollouts": budget.spent,
+        "width": width // 2,
+        "modes": "" if plan is None else " ".join(map(str, plan.modes)),
+    }

@@ -1,0 +1,238 @@
+"""Teachers: what every feasible mode of a state would cost, and states worth asking about."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_env.masks import action_masks
+from snake_env.modes import mode_table
+from snake_env.network import Network
+from snake_env.observation import observe
+from snake_env.params import SnakeParams
+from snake_env.search import expand
+from snake_env.simulation import advance_batch, predict_batch
+from snake_env.state import FloatArray, IntArray, StateBatch
+from snake_env.tasks import random_tasks
+from snake_env.value import ValueFunction, load_value
+
+Teacher = Literal["lookahead", "analytic"]
+FAILURE = 30.0
+"""Cost-to-go of a mode from whose end the target is not reached [intervals]."""
+FEW = 3
+"""A state with at most so many feasible modes is near a deadlock."""
+STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
+_SIDE_BY_SIDE = 64  # episodes
+_LONGEST = 40  # an episode is left after so many decisions
+_NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """States, and what a teacher says about their modes.
+
+    Attributes:
+        states: N states.
+        mask: The instant mask, shape (N, n_modes).
+        feasible: Which modes hold (22) and (23) throughout the interval, shape (N, n_modes).
+        cost_to_go: Intervals to the target with each mode, itself included, shape (N, n_modes);
+            infinite where infeasible.
+    """
+
+    states: StateBatch
+    mask: NDArray[np.bool_]
+    feasible: NDArray[np.bool_]
+    cost_to_go: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def take(self, indices: IntArray) -> Decisions:
+        """The decisions at the given positions."""
+        return Decisions(
+            self.states.take(indices),
+            self.mask[indices],
+            self.feasible[indices],
+            self.cost_to_go[indices],
+        )
+
+
+def judge(states: StateBatch, teacher: Teacher, params: SnakeParams, depth: int = 0) -> Decisions:
+    """What a teacher says about every mode of some states.
+
+    Args:
+        states: N states that have not reached their target.
+        teacher: ``lookahead`` searches ``depth`` intervals beyond each mode's end and takes the value
+            of the best leaf there; ``analytic`` plays (21) from there to the end.
+        params: The constants.
+        depth: Intervals that ``lookahead`` searches; each costs as many roll-outs as (21) for every
+            state that it begins with.
+    """
+    tree = expand(states, params)
+    if teacher == "analytic":
+        after = _analytic_to_go(tree.states, params)
+    else:
+        after = _to_go(tree.states, load_value(params), params, depth)
+    shape = (len(states), len(mode_table(params.n_joints)))
+    cost = np.full(shape, np.inf, dtype=np.float32)
+    cost[tree.parent, tree.mode] = 1.0 + np.minimum(after, FAILURE)
+    return Decisions(states, action_masks(states, "instant", params), np.isfinite(cost), cost)
+
+
+def _to_go(states: StateBatch, value: ValueFunction, params: SnakeParams, depth: int) -> FloatArray:
+    """The value of each state's best descendant ``depth`` intervals on, and the way there."""
+    result = np.maximum(value(states), 0.0)
+    open_ = np.flatnonzero(states.phase <= params.n_joints)
+    if depth == 0 or len(open_) == 0:
+        return result
+    tree = expand(states.take(open_), params)
+    beyond = 1.0 + _to_go(tree.states, value, params, depth - 1)
+    best = np.full(len(open_), FAILURE)
+    np.minimum.at(best, tree.parent, beyond)
+    result[open_] = best
+    return result
+
+
+def _analytic_to_go(states: StateBatch, params: SnakeParams) -> FloatArray:
+    """Intervals that (21) needs from each state to the end; :data:`FAILURE` where it deadlocks."""
+    result = np.full(len(states), FAILURE)
+    now, of = states, np.arange(len(states))
+    for depth in range(int(FAILURE)):
+        reached = now.phase > params.n_joints
+        result[of[reached]] = depth
+        now, of = now.take(np.flatnonzero(~reached)), of[~reached]
+        if len(of) == 0:
+            break
+        parent, mode = np.nonzero(mode_table(params.n_joints).masks(now.phase))
+        j = predict_batch(now.take(parent), mode, params).j
+        order = np.lexsort((mode, j, parent))
+        _, first = np.unique(parent[order], return_index=True)
+        best = order[first]
+        best = best[np.isfinite(j[best])]  # the others deadlock
+        now, _ = advance_batch(now.take(parent[best]), mode[best], params)
+        of = of[parent[best]]
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """A shard of decisions to collect.
+
+    Attributes:
+        seed: The collection's seed.
+        part: The shard's number.
+        decisions: How many, before mirrored copies are added.
+        teacher: Who judges the modes.
+        depth: See :func:`judge`.
+        student: Whose states are visited: a network that prefers modes; None: the teacher's own, with
+            noise in its choices.
+        overweight: How many times as often states near a deadlock are kept as others.
+        mirrored: Whether the mirror image of each decision is added.
+        params: The constants.
+    """
+
+    seed: int
+    part: int
+    decisions: int
+    teacher: Teacher
+    depth: int
+    student: Network | None
+    overweight: float
+    mirrored: bool
+    params: SnakeParams
+
+
+def collect(shard: Visit) -> Decisions:
+    """Plays episodes until a shard is full; decisions between a single mode are left out."""
+    params = shard.params
+    kept: list[Decisions] = []
+    wave, missing = 0, shard.decisions
+    while missing > 0:
+        stream = np.random.SeedSequence(shard.seed, spawn_key=(shard.part, wave, 0))
+        for decisions in _episodes(shard, np.random.default_rng(stream)):
+            kept.append(decisions.take(np.arange(min(missing, len(decisions)))))
+            missing -= len(kept[-1])
+        wave += 1
+    decisions = join(kept)
+    if shard.mirrored:
+        decisions = join([decisions, mirror_image(decisions, params)])
+    return decisions
+
+
+def _episodes(shard: Visit, rng: np.random.Generator) -> Iterator[Decisions]:
+    """The decisions of some episodes that are played side by side, interval by interval."""
+    params = shard.params
+    phi0, target = random_tasks(rng.spawn(_SIDE_BY_SIDE), params)
+    states = StateBatch.initial(phi0, target, params)
+    # Half of the episodes follow the teacher strictly, the others less and less.
+    scale = np.maximum(rng.uniform(-1.0, 1.0, _SIDE_BY_SIDE), 0.0) * _NOISE
+    choices = mode_table(params.n_joints).masks(np.arange(1, params.n_joints + 2)).sum(axis=1)
+    for _ in range(_LONGEST):
+        decisions = judge(states, shard.teacher, params, shard.depth)
+        feasible = decisions.feasible.sum(axis=1)
+        valid = choices[states.phase - 1]
+        near_deadlock = (feasible <= FEW) & (valid > FEW)
+        wanted = near_deadlock | (rng.random(len(states)) * shard.overweight < 1.0)
+        yield decisions.take(np.flatnonzero(wanted & (valid > 1)))
+        chosen = _choose(decisions, shard.student, scale, rng, params)
+        going = np.flatnonzero(feasible > 0)
+        states, _ = advance_batch(states.take(going), chosen[going], params)
+        open_ = np.flatnonzero(states.phase <= params.n_joints)
+        states, scale = states.take(open_), scale[going][open_]
+        if len(states) == 0:
+            return
+
+
+def _choose(
+    decisions: Decisions,
+    student: Network | None,
+    scale: FloatArray,
+    rng: np.random.Generator,
+    params: SnakeParams,
+) -> IntArray:
+    """Feasible modes to go on with: the student's where it is feasible, otherwise the teacher's."""
+    noise = rng.gumbel(size=decisions.cost_to_go.shape)
+    rank = np.where(decisions.feasible, decisions.cost_to_go - noise * scale[:, None], np.inf)
+    chosen: IntArray = rank.argmin(axis=1)
+    if student is not None:
+        preference = student(observe(decisions.states, params))
+        wanted = np.where(decisions.mask, preference, -np.inf).argmax(axis=1)
+        possible = decisions.feasible[np.arange(len(wanted)), wanted]
+        chosen = np.where(possible, wanted, chosen)
+    return chosen
+
+
+def join(parts: Sequence[Decisions]) -> Decisions:
+    """Decisions one after the other."""
+    return Decisions(
+        StateBatch(
+            **{
+                name: np.concatenate([getattr(part.states, name) for part in parts])
+                for name in STATE_FIELDS
+            }
+        ),
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("mask", "feasible", "cost_to_go")
+        ),
+    )
+
+
+def mirror_image(decisions: Decisions, params: SnakeParams) -> Decisions:
+    """The same decisions of the mirrored robots: the same modes, at the same cost."""
+    states = decisions.states
+    x, y, theta = (states.w - params.w_d).T
+    mirrored = dataclasses.replace(
+        states,
+        w=np.column_stack([x, -y, -theta]) + params.w_d,
+        phi=-states.phi,
+        target=-states.target,
+        ref_start=-states.ref_start,
+        last_turn=-states.last_turn,
+    )
+    return dataclasses.replace(decisions, states=mirrored)

@@ -1,0 +1,52 @@
+"""Command line: ``python -m train ALGO [options]``."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+from rich.console import Console
+
+from evaluate.options import parse
+from snake_env.errors import SnakeEnvError, UnknownNameError
+
+COMMANDS = {
+    "solve": "the shortest plans that a wide search finds for a suite of tasks",
+    "collect": "decisions of a teacher, with the cost-to-go of every mode",
+    "value": "the cost-to-go network that guides the planner",
+}
+"""What can be trained or made; each is a module of this package with ``Options`` and ``train``."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Runs the command; its exit code."""
+    words = sys.argv[1:] if args is None else args
+    try:
+        if not words or words[0] in ("-h", "--help"):
+            print(_help())
+            return 0 if words else 2
+        if words[0] not in COMMANDS:
+            raise UnknownNameError("command", words[0], COMMANDS)
+        module: Any = importlib.import_module(f"train.{words[0]}")
+        options = parse(module.Options, f"python -m train {words[0]}", words[1:])
+        console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
+        module.train(options, console)
+    except SnakeEnvError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; --resume goes on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _help() -> str:
+    lines = [f"  {name:10} {what}" for name, what in COMMANDS.items()]
+    return "\n".join(
+        ["usage: python -m train COMMAND [options]", "", *lines, "", "COMMAND --help tells more."]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

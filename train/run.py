@@ -1,0 +1,175 @@
+"""The run folder: what was asked for, with what, and how it went."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from evaluate.journal import writable_folder, write_atomically
+from evaluate.options import Assignments, parse_overrides
+from snake_env.errors import InvalidInputError
+from snake_env.params import SnakeParams
+
+SCHEMA = 1
+_PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The robot's constants."""
+
+    preset: str = "paper"
+    """Constants of the robot: paper, hardware or narrow."""
+    set: Assignments = ()
+    """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
+
+    def params(self) -> SnakeParams:
+        """The constants.
+
+        Raises:
+            SnakeEnvError: A name does not exist or a value can't be used.
+        """
+        return SnakeParams.preset(self.preset, **parse_overrides(self.set))
+
+
+@dataclass(frozen=True)
+class Run:
+    """Where the run is kept."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The run's folder; default: runs/ and a name made of the algorithm, the preset and the seed."""
+    seed: int = 0
+    """Seed of everything random."""
+    resume: bool = False
+    """Go on with the interrupted run in the folder."""
+    overwrite: bool = False
+    """Replace the run in the folder."""
+
+    def folder(self, name: str) -> Path:
+        """The folder of a run with this name.
+
+        Raises:
+            InvalidInputError: Options that can't be used.
+        """
+        if self.seed < 0:
+            raise InvalidInputError("seed", self.seed, "an integer, zero or positive")
+        if self.overwrite and self.resume:
+            raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
+        return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"
+
+
+class RunFolder:
+    """A run on disk: ``run.json`` says what was asked for, ``log.csv`` how it went.
+
+    Args:
+        run: Where it is kept.
+        name: Its name where ``run`` does not say.
+        config: What decides the result; a resumed run must have the same.
+
+    Raises:
+        InvalidInputError: The folder can't be used, or holds another run.
+    """
+
+    def __init__(self, run: Run, name: str, config: dict[str, Any]) -> None:
+        self.path = run.folder(name)
+        self.config = json.loads(json.dumps(config, default=str))
+        self._log = self.path / "log.csv"
+        file = self.path / "run.json"
+        if run.resume:
+            self._check(file)
+            return
+        if file.is_file() and not run.overwrite:
+            expected = "a new folder (or --resume to go on, or --overwrite)"
+            raise InvalidInputError("out", str(self.path), expected)
+        if self.path.is_dir() and any(self.path.iterdir()) and not file.is_file():
+            raise InvalidInputError("out", str(self.path), "an empty folder, or one with a run")
+        writable_folder(self.path)
+        for stale in self.path.iterdir():
+            if stale.is_file():
+                stale.unlink()
+        write_atomically(file, json.dumps(self._about(), indent=1) + "\n")
+
+    def _check(self, file: Path) -> None:
+        try:
+            about = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise InvalidInputError("resume", str(self.path), "a folder with a run") from None
+        if not isinstance(about, dict) or about.get("schema") != SCHEMA:
+            raise InvalidInputError("resume", str(self.path), f"a run of schema {SCHEMA}")
+        if about["config"] != self.config:
+            differing = sorted(
+                key
+                for key in {*about["config"], *self.config}
+                if about["config"].get(key) != self.config.get(key)
+            )
+            expected = f"a run with the same options (these differ: {', '.join(differing)})"
+            raise InvalidInputError("resume", str(self.path), expected)
+
+    def _about(self) -> dict[str, Any]:
+        return {
+            "schema": SCHEMA,
+            "command": command(),
+            "config": self.config,
+            "git": _git_revision(),
+            "python": platform.python_version(),
+            "versions": {name: _version(name) for name in _PACKAGES},
+            "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+        }
+
+    def rows(self) -> list[dict[str, str]]:
+        """The log so far."""
+        if not self._log.is_file():
+            return []
+        with self._log.open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+
+    def write_rows(self, rows: Iterable[dict[str, Any]]) -> None:
+        """Replaces the log."""
+        text = io.StringIO()
+        writer: csv.DictWriter[str] | None = None
+        for row in rows:
+            if writer is None:
+                writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
+                writer.writeheader()
+            writer.writerow(row)
+        write_atomically(self._log, text.getvalue())
+
+
+def command() -> str:
+    """The command line that this process was started with."""
+    return "python -m train " + shlex.join(sys.argv[1:])
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _git_revision() -> str | None:
+    """The checkout's revision, with a + where it was changed; None outside of one."""
+    here = Path(__file__).parent
+    try:
+        revision, changes = (
+            subprocess.run(
+                ["git", *words], cwd=here, capture_output=True, text=True, check=True
+            ).stdout.strip()
+            for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "-uno"))
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return revision + ("+" if changes else "")

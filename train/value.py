@@ -1,0 +1,144 @@
+"""``python -m train value``: the cost-to-go network, by policy iteration."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from evaluate.engine import Engine
+from rich.console import Console
+
+from agents.value import Fit, Play, Returns, fit, play
+from evaluate.progress import progress
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model, read_model, write_model
+from snake_env.params import SnakeParams
+from snake_env.programs import warm_up
+from train.run import Robot, Run, RunFolder, command
+
+_PART = 256  # episodes that a worker plays side by side
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn how many intervals a state still needs: the guide of the planner.
+
+    Each generation plays random tasks greedily by the present value, after some exploration, and fits
+    the next one to the returns.
+    """
+
+    run: Run = field(default_factory=Run)
+    robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
+    fit: Fit = field(default_factory=Fit)
+    generations: int = 40
+    """Rounds of playing and fitting."""
+    episodes: int = 8192
+    """Random tasks that are played in each."""
+    window: int = 5
+    """Generations whose returns the network is fitted to."""
+
+    def check(self) -> SnakeParams:
+        """The constants that the options ask for.
+
+        Raises:
+            SnakeEnvError: An option's value can't be used.
+        """
+        for name in ("generations", "episodes", "window"):
+            if getattr(self, name) < 1:
+                raise InvalidInputError(name, getattr(self, name), "a positive number")
+        for name in ("epochs", "batch_size", "learning_rate"):
+            if getattr(self.fit, name) <= 0:
+                raise InvalidInputError(name, getattr(self.fit, name), "a positive number")
+        if not self.fit.hidden or min(self.fit.hidden) < 1:
+            raise InvalidInputError("hidden", self.fit.hidden, "positive sizes")
+        self.engine.check()
+        return self.robot.params()
+
+
+def train(options: Options, console: Console) -> Path:
+    """Runs all generations, or those that an interrupted run has left.
+
+    A generation depends on the run's seed, its own number and the network before it only. So a run
+    that was killed goes on with the generation it was in, and ends as if nothing had happened.
+
+    Returns:
+        The model's file.
+    """
+    params = options.check()
+    name = f"value-{options.robot.preset}"
+    config = {
+        **dataclasses.asdict(options.fit),
+        **{key: getattr(options, key) for key in ("generations", "episodes", "window")},
+        "seed": options.run.seed,
+        "params": dataclasses.asdict(params),
+    }
+    folder = RunFolder(options.run, name, config)
+    file = folder.path / "value.safetensors"
+    rows = list(folder.rows())
+    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    warm_up(params)
+    for generation in range(len(rows), options.generations):
+        parts = [
+            Play(options.run.seed, generation, first // _PART, count, network, params)
+            for first in range(0, options.episodes, _PART)
+            for count in [min(_PART, options.episodes - first)]
+        ]
+        played: list[Returns] = []
+        label = f"generation {generation + 1} of {options.generations}"
+        with progress(console, options.episodes, "episodes") as advance:
+            for returns in options.engine.map(play, parts):
+                played.append(returns)
+                advance(label, parts[returns.part].count)
+        played.sort(key=lambda returns: returns.part)
+        np.savez(
+            folder.path / f"returns-{generation}.npz",
+            observations=np.concatenate([returns.observations for returns in played]),
+            intervals=np.concatenate([returns.intervals for returns in played]),
+        )
+        first = max(0, generation + 1 - options.window)
+        window = [_returns(folder.path, k) for k in range(first, generation + 1)]
+        network, error = fit(
+            network,
+            np.concatenate([observations for observations, _ in window]),
+            np.concatenate([intervals for _, intervals in window]),
+            options.fit,
+            params.n_joints,
+            seed=options.run.seed + 1000 * generation,
+        )
+        greedy = sum(returns.greedy for returns in played)
+        solved = sum(returns.solved for returns in played)
+        time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
+        row = {
+            "generation": generation + 1,
+            "greedy_success": round(solved / max(1, greedy), 5),
+            "greedy_mean_time_s": round(time_s, 3),
+            "fit_error": round(error, 4),
+        }
+        made = {"command": command(), "config": config, "generation": generation + 1}
+        write_model(_kept(folder.path, generation), Model("value", params.n_joints, network, made))
+        rows.append({key: str(value) for key, value in row.items()})
+        folder.write_rows(rows)
+        for stale in (folder.path / f"returns-{first - 1}.npz", _kept(folder.path, generation - 1)):
+            stale.unlink(missing_ok=True)
+            stale.with_suffix(".json").unlink(missing_ok=True)
+        console.print(
+            f"{label}: greedy before it {solved}/{greedy}, {time_s:.1f} s; "
+            f"fitted to {error:.2f} intervals"
+        )
+    assert network is not None
+    made = {"command": command(), "config": config, "generations": options.generations}
+    write_model(file, Model("value", params.n_joints, network, made))
+    console.print(f"model: {file}")
+    return file
+
+
+def _kept(path: Path, generation: int) -> Path:
+    return path / f"value-{generation}.safetensors"
+
+
+def _returns(path: Path, generation: int) -> tuple[np.ndarray, np.ndarray]:
+    with np.load(path / f"returns-{generation}.npz") as file:
+        return file["observations"], file["intervals"]
