@@ -147,8 +147,11 @@ class Visit:
     params: SnakeParams
 
 
-def collect(shard: Visit) -> Decisions:
-    """Plays episodes until a shard is full; decisions between a single mode are left out."""
+def collect(shard: Visit) -> tuple[int, Decisions]:
+    """The shard's number, and its decisions: episodes are played until there are enough.
+
+    States in which the phase allows a single mode are no decisions.
+    """
     params = shard.params
     kept: list[Decisions] = []
     wave, missing = 0, shard.decisions
@@ -161,7 +164,7 @@ def collect(shard: Visit) -> Decisions:
     decisions = join(kept)
     if shard.mirrored:
         decisions = join([decisions, mirror_image(decisions, params)])
-    return decisions
+    return shard.part, decisions
 
 
 def _episodes(shard: Visit, rng: np.random.Generator) -> Iterator[Decisions]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,8 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
     """Draws each policy's Fig. 4, and Fig. 5 and the filmstrip for the first that chooses modes."""
     with matplotlib.rc_context(_STYLE):
         for policy in policies:
-            figure_4(policy, store.rows(policy), params).savefig(folder / f"fig4-{policy}.png")
+            file = f"fig4-{file_name(policy)}.png"
+            figure_4(policy, store.rows(policy), params).savefig(folder / file)
         choosing = [policy for policy in policies if policy != SKID]
         if choosing and _has_sim_1(params):
             policy = choosing[0]
@@ -59,8 +61,14 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
             row = run_episode(load_policy(policy, params), state, params, 0, [])
             if row["modes"]:
                 played = replay(state, [int(mode) for mode in row["modes"].split()], params)
-                figure_5(policy, played, params).savefig(folder / f"sim-1-traces-{policy}.png")
-                filmstrip(policy, played, params).savefig(folder / f"sim-1-film-{policy}.png")
+                name = file_name(policy)
+                figure_5(policy, played, params).savefig(folder / f"sim-1-traces-{name}.png")
+                filmstrip(policy, played, params).savefig(folder / f"sim-1-film-{name}.png")
+
+
+def file_name(policy: str) -> str:
+    """A policy's name or path as part of a file's name."""
+    return re.sub(r"[^\w.+=,-]+", "-", policy.removesuffix(".safetensors")).strip("-.")
 
 
 def _has_sim_1(params: SnakeParams) -> bool:

@@ -13,7 +13,8 @@ from snake_env.episode import Episode, EpisodeSummary
 from snake_env.errors import UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policies import POLICIES, Policy, load_policy
+from snake_env.policies import load_policy
+from snake_env.policy import Policy
 from snake_env.simulation import advance, predict
 from snake_env.skid import skid
 from snake_env.state import SnakeState
@@ -66,9 +67,11 @@ def check_policy(name: str, params: SnakeParams) -> None:
     """Raises what :func:`snake_env.load_policy` would, before any work has been done."""
     if name == SKID:
         return
-    if name not in POLICIES:
-        raise UnknownNameError("policy", name, [*POLICIES, SKID])
-    load_policy(name, params)
+    try:
+        load_policy(name, params)
+    except UnknownNameError as error:
+        known = [*error.known, SKID] if error.kind == "policy" else error.known
+        raise UnknownNameError(error.kind, error.name, known) from None
 
 
 def run_shard(shard: Shard) -> ShardResult:

@@ -18,7 +18,8 @@ from snake_env.errors import (
 from snake_env.modes import ModeTable
 from snake_env.optimizer import AnalyticOptimizer, Selection
 from snake_env.params import SnakeParams
-from snake_env.policies import Policy, load_policy
+from snake_env.policies import load_policy
+from snake_env.policy import Policy
 from snake_env.simulation import (
     Prediction,
     Trajectory,

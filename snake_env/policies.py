@@ -7,7 +7,7 @@ import importlib.resources
 import inspect
 import json
 from collections.abc import Callable
-from typing import Protocol
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +16,17 @@ from snake_env.blocks import LANES
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.lookahead import LookaheadPolicy
 from snake_env.masks import instant_mask
+from snake_env.model_file import read_model
 from snake_env.modes import mode_table
+from snake_env.network_policy import NetworkPolicy
 from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
+from snake_env.policy import Policy
 from snake_env.search import expand
+from snake_env.shield import ShieldedPolicy
 from snake_env.simulation import predict
 from snake_env.state import SnakeState, StateBatch
-from snake_env.value import ValueFunction, load_value
-
-
-class Policy(Protocol):
-    """Chooses modes.
-
-    Attributes:
-        rollouts: Model roll-outs spent so far (one mode predicted over one interval each): the cost
-            of the decisions, independent of the machine.
-    """
-
-    rollouts: int
-
-    def reset(self, seed: int | None = None) -> None:
-        """Begins an episode. A policy that draws random numbers draws them from ``seed``."""
-
-    def select_mode(self, state: SnakeState) -> int:
-        """Index of the mode for the next interval: always one that the phase allows."""
+from snake_env.value import NetworkValue, ValueFunction, load_value, pretrained
 
 
 class AnalyticPolicy:
@@ -146,35 +133,62 @@ def _analytic_14(params: SnakeParams) -> AnalyticPolicy:
     return AnalyticPolicy(params, _reduced_candidates())
 
 
+def _learned(name: str) -> Callable[[SnakeParams], Policy]:
+    """Makes the shipped policy of this name."""
+
+    def policy(params: SnakeParams) -> Policy:
+        model = pretrained(name, params.n_joints, params.head_contact)
+        if model is None:
+            robots = f"{params.n_joints} joints, head_contact {params.head_contact}"
+            raise InvalidInputError("policy", name, f"one that ships for these robots ({robots})")
+        return NetworkPolicy(params, model)
+
+    return policy
+
+
 POLICIES: dict[str, Callable[..., Policy]] = {
     "analytic": AnalyticPolicy,
     "analytic-14": _analytic_14,
     "first-feasible": FirstFeasiblePolicy,
     "random": RandomPolicy,
-    "value": ValuePolicy,
     "lookahead": LookaheadPolicy,
+    "value": ValuePolicy,
+    **{name: _learned(name) for name in ("imitate", "ppo", "dqn")},
 }
 """Every policy by name; each entry makes one for given constants, and options where it has any."""
+SHIELD = "+shield"
 
 
-def load_policy(name: str, params: SnakeParams | None = None) -> Policy:
-    """A policy by name.
+def load_policy(name: str | Path, params: SnakeParams | None = None) -> Policy:
+    """A policy by name, or the policy of a model file.
 
     Args:
         name: ``analytic`` (21), ``analytic-14`` (21 over at most 14 candidates a phase, as the paper's
-            Table II), ``first-feasible``, ``random``, ``value`` (the feasible mode whose successor is
-            worth most) or ``lookahead`` (a planner). Options follow a colon, as in
+            Table II), ``first-feasible``, ``random``, ``lookahead`` (a planner), ``value`` (the
+            feasible mode whose successor is worth most), ``imitate``, ``ppo``, ``dqn`` (learned, no
+            roll-outs), or the path of a ``.safetensors`` file. ``+shield`` after it adds a
+            :class:`snake_env.shield.ShieldedPolicy`. Options follow a colon, as in
             ``lookahead:width=16,deadline_ms=inf``.
         params: The constants that it predicts with; default: the preset ``paper``.
 
     Raises:
         UnknownNameError: No such policy, or no such option.
-        InvalidInputError: The policy does not exist for these constants, or not with this option.
+        InvalidInputError: The policy does not exist for these constants, or not with this option; a
+            damaged model file.
     """
-    base, colon, text = name.partition(":")
+    constants = params or SnakeParams()
+    text = str(name)
+    if text.endswith(SHIELD):
+        return ShieldedPolicy(load_policy(text.removesuffix(SHIELD), constants), constants)
+    if text.endswith(".safetensors"):
+        model = read_model(Path(text))
+        if model.kind == "value":
+            return ValuePolicy(constants, NetworkValue(model, constants))
+        return NetworkPolicy(constants, model)
+    base, colon, options = text.partition(":")
     if base not in POLICIES:
         raise UnknownNameError("policy", base, POLICIES)
-    return POLICIES[base](params or SnakeParams(), **_options(base, text) if colon else {})
+    return POLICIES[base](constants, **_options(base, options) if colon else {})
 
 
 def _options(name: str, text: str) -> dict[str, float]:

@@ -24,11 +24,11 @@ from PIL import Image
 from rich.console import Console
 
 from evaluate import __main__ as command
-from evaluate.protocol import POLICIES, Shard, run_episode, run_shard
+from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
 from snake_env.episode import OUTCOMES
-from snake_env.policies import FirstFeasiblePolicy
+from snake_env.policies import POLICIES, FirstFeasiblePolicy
 from snake_env.state import SnakeState
 from snake_env.tasks import random_suite
 from tests.conftest import PAPER

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from evaluate.engine import Engine
 from rich.console import Console
 
-from agents.teacher import Decisions, Teacher, Visit, collect
+from agents.teacher import Teacher, Visit, collect
 from agents.teacher_data import MANIFEST, SCHEMA, read_manifest, read_shard, shard_path, to_bytes
+from evaluate.engine import Engine
 from evaluate.journal import writable_folder, write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
@@ -104,7 +104,7 @@ def train(options: Options, console: Console) -> None:
     warm_up(params)
     try:
         with progress(console, len(missing) * SHARD, "decisions") as advance:
-            for part, decisions in options.engine.map(_numbered, missing):
+            for part, decisions in options.engine.map(collect, missing):
                 write_atomically(shard_path(folder, part), to_bytes(decisions))
                 advance("collect", SHARD)
     except KeyboardInterrupt:
@@ -112,10 +112,6 @@ def train(options: Options, console: Console) -> None:
         console.print(f"{done} of {len(parts)} shards are in {folder}", soft_wrap=True)
         raise
     console.print(f"{len(parts) * SHARD} decisions: {folder}", soft_wrap=True)
-
-
-def _numbered(shard: Visit) -> tuple[int, Decisions]:
-    return shard.part, collect(shard)
 
 
 def _student(path: Path, params: SnakeParams) -> Network:

@@ -1,0 +1,201 @@
+"""Runs shards of work on processes of this machine, or on a Ray cluster."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
+
+import joblib
+import tyro
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from threadpoolctl import threadpool_limits
+
+from snake_env.errors import (
+    InvalidInputError,
+    MissingDependencyError,
+    SnakeEnvError,
+    UnknownNameError,
+)
+
+Shard = TypeVar("Shard")
+Result = TypeVar("Result")
+
+_LOSSES = 5  # as often, workers are replaced
+_PATIENCE_S = 15.0  # Ray itself tries to reach a cluster for minutes
+_PROBE = """
+import sys, ray
+try:
+    ray.init(address=sys.argv[1], log_to_driver=False, logging_level="ERROR")
+except Exception as problem:
+    print(problem)
+    sys.exit(1)
+print(int(ray.cluster_resources().get("CPU", 0)))
+"""
+
+
+class WorkerLostError(SnakeEnvError):
+    """Workers died again and again; the results that came before are good."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What runs the work. A shard's result does not depend on it."""
+
+    engine: Literal["local", "ray"] = "local"
+    """Processes of this machine, or a Ray cluster."""
+    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT")] = None
+    """A Ray cluster that runs already; auto: the one of this machine; default: starts one."""
+    workers: int = -1
+    """Processes; -1: one for each core; 1: the command's own."""
+
+    def check(self) -> None:
+        """Finds out whether the options can be used, before there is work to lose.
+
+        Raises:
+            SnakeEnvError: An option's value can't be used, Ray is missing, or can't be reached.
+        """
+        if self.engine not in ("local", "ray"):
+            raise UnknownNameError("engine", self.engine, ["local", "ray"])
+        if self.workers == 0 or self.workers < -1:
+            expected = "a positive number, or -1 for all cores"
+            raise InvalidInputError("workers", self.workers, expected)
+        if self.engine == "local":
+            if self.address is not None:
+                raise InvalidInputError("address", self.address, "--engine ray to go with it")
+            return
+        if importlib.util.find_spec("ray") is None:
+            raise MissingDependencyError(
+                "--engine ray needs Ray: pip install snake-mode-env[ray]"
+            )
+        if self.address is not None:
+            self._check_cluster(self.address)
+
+    def _check_cluster(self, address: str) -> None:
+        if address != "auto" and not re.fullmatch(r"[^\s/]+:\d{1,5}", address):
+            raise InvalidInputError("address", address, "HOST:PORT of a Ray cluster, or auto")
+        # in a process that can be killed: nothing ends ray.init before it gives up by itself
+        try:
+            probe = subprocess.run(
+                [sys.executable, "-c", _PROBE, address],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=_PATIENCE_S,
+            )
+        except subprocess.TimeoutExpired:
+            expected = f"a Ray cluster, but none answered within {_PATIENCE_S:.0f} s"
+            raise InvalidInputError("address", address, expected) from None
+        told = " ".join(probe.stdout.split())
+        if probe.returncode:
+            raise InvalidInputError("address", address, f"a Ray cluster that can be used ({told})")
+        if self.workers > int(told):
+            expected = f"at most {told}, the CPUs of the Ray cluster"
+            raise InvalidInputError("workers", self.workers, expected)
+
+    def map(self, work: Callable[[Shard], Result], shards: Iterable[Shard]) -> Iterator[Result]:
+        """Does the work on every shard.
+
+        Linear algebra runs on one thread in each worker: its sums depend on the number of threads. When
+        a worker dies, what is unfinished is begun again on new ones, so every shard has one result.
+
+        Args:
+            work: Called with one shard at a time; it and its results can be pickled.
+            shards: What can be done in any order and anywhere.
+
+        Yields:
+            Results, as they come: in any order.
+
+        Raises:
+            WorkerLostError: Workers died too often.
+        """
+        left = dict(enumerate(shards))
+        if not left:
+            return
+        count = min(self._count(), len(left))
+        losses = 0
+        while left:
+            parallel = joblib.Parallel(
+                count, backend=self._backend(), return_as="generator_unordered", batch_size=1
+            )
+            calls = [joblib.delayed(_call)(work, number, left[number]) for number in left]
+            try:
+                with _closing(parallel(calls)) as results:
+                    for number, result in results:
+                        del left[number]
+                        yield result
+            except self._lost() as problem:
+                losses += 1
+                if losses > _LOSSES:
+                    reason = str(problem).split("\n", 1)[0]
+                    raise WorkerLostError(f"workers died {losses} times: {reason}") from None
+                print(f"a worker died: {len(left)} shards are left for new ones", file=sys.stderr)
+
+    def _count(self) -> int:
+        """How many workers there will be."""
+        wanted: int = joblib.cpu_count() if self.workers == -1 else self.workers
+        if self.engine == "local" or self.workers == 1:
+            return wanted
+        import ray
+
+        if not ray.is_initialized():
+            self._start_ray(wanted)
+        return int(ray.cluster_resources()["CPU"]) if self.workers == -1 else wanted
+
+    def _start_ray(self, cpus: int) -> None:
+        """Connects to the cluster, or starts one of so many CPUs; it ends with this process."""
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        import ray
+
+        where: dict[str, Any] = (
+            {"address": "local", "num_cpus": cpus, "include_dashboard": False}
+            if self.address is None
+            else {"address": self.address}
+        )
+        handler = signal.getsignal(signal.SIGTERM)
+        ray.init(**where, log_to_driver=False, logging_level="ERROR")
+        if callable(handler) and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)  # Ray has put its own there
+
+    def _backend(self) -> Any:
+        if self.engine == "local":
+            return "loky"
+        from ray.util.joblib.ray_backend import RayBackend
+
+        class Backend(RayBackend):  # type: ignore[misc]
+            supports_return_generator = True  # what keeps joblib from it are forked processes
+
+        return Backend(ray_remote_args={"num_cpus": 1})
+
+    def _lost(self) -> tuple[type[Exception], ...]:
+        """What is raised when a worker dies."""
+        if self.engine == "local":
+            return (TerminatedWorkerError,)
+        from ray.exceptions import ObjectLostError, OutOfMemoryError, RayActorError
+
+        return (RayActorError, ObjectLostError, OutOfMemoryError)
+
+
+def _call(work: Callable[[Shard], Result], number: int, shard: Shard) -> tuple[int, Result]:
+    with threadpool_limits(1, "blas"):
+        return number, work(shard)
+
+
+@contextmanager
+def _closing(results: Generator[Result]) -> Iterator[Iterator[Result]]:
+    """Ends the workers when the results are not wanted any more."""
+    try:
+        yield results
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # joblib regrets the work that is thrown away
+            results.close()

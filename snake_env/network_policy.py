@@ -1,0 +1,69 @@
+"""Learned policies: one evaluation of a network for a decision, and no model roll-out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_env.episode import STILL
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model
+from snake_env.network import Network
+from snake_env.observation import observe_one
+from snake_env.params import SnakeParams
+from snake_env.state import IntArray, SnakeState
+
+
+class NetworkPolicy:
+    """The mode that a network prefers among those that are stable at t_k.
+
+    A choice that left the robot where it was would do so again: as long as the robot stands still, it
+    is not repeated.
+
+    Args:
+        params: The constants.
+        model: Of the kind ``policy``.
+
+    Raises:
+        InvalidInputError: The model is not for these robots, or of another kind.
+    """
+
+    def __init__(self, params: SnakeParams, model: Model) -> None:
+        if model.kind != "policy":
+            raise InvalidInputError("model.kind", model.kind, "policy")
+        model.check(params)
+        self.rollouts = 0
+        self._params = params
+        self._network: Network = model.network
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode: nothing has been tried."""
+        self._tried: list[int] = []
+        self._where: tuple[int, NDArray[np.float64]] | None = None
+
+    def select_mode(self, state: SnakeState) -> int:
+        """The mode of highest preference."""
+        mode = int(self._preferences(state).argmax())
+        self._tried.append(mode)
+        return mode
+
+    def ranking(self, state: SnakeState) -> IntArray:
+        """All modes that the mask allows, the preferred ones first; nothing counts as tried."""
+        preferences = self._preferences(state)
+        order = np.argsort(-preferences, kind="stable")
+        ranked: IntArray = order[: int(np.isfinite(preferences).sum())]
+        return ranked
+
+    def _preferences(self, state: SnakeState) -> NDArray[np.float32]:
+        """The network's outputs; minus infinity where a mode is out of the question."""
+        observation, mask = observe_one(state, self._params)
+        preferences = self._network(observation)
+        preferences[~mask] = -np.inf
+        phase, phi = self._where or (0, state.phi)
+        if phase != state.phase or np.abs(state.phi - phi).max() >= STILL:
+            self._where = state.phase, state.phi
+            self._tried.clear()
+        elif len(self._tried) < np.count_nonzero(mask):
+            preferences[self._tried] = -np.inf
+        return preferences

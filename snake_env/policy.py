@@ -1,0 +1,24 @@
+"""The one interface of everything that chooses modes."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from snake_env.state import SnakeState
+
+
+class Policy(Protocol):
+    """Chooses modes."""
+
+    @property
+    def rollouts(self) -> int:
+        """Model roll-outs spent so far (one mode predicted over one interval each).
+
+        They are the cost of the decisions, independent of the machine.
+        """
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode. A policy that draws random numbers draws them from ``seed``."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        """Index of the mode for the next interval: always one that the phase allows."""
