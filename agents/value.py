@@ -42,7 +42,7 @@ class Fit:
     batch_size: int = 1024
     """Returns in a gradient step."""
     learning_rate: float = 1e-3
-    """Largest learning rate of AdamW in a generation."""
+    """Largest learning rate of AdamW in the first generation; falls to a twentieth by the last."""
     weight_decay: float = 1e-4
     """Weight decay of AdamW."""
 
@@ -146,6 +146,7 @@ def fit(
     observations: NDArray[np.float32],
     intervals: NDArray[np.float32],
     how: Fit,
+    learning_rate: float,
     n_joints: int,
     seed: int,
 ) -> tuple[Network, float]:
@@ -156,6 +157,7 @@ def fit(
         observations: Shape (N, observation_size).
         intervals: Shape (N,).
         how: The method's options.
+        learning_rate: The largest in this generation.
         n_joints: Joints of the robot.
         seed: Decides the order of the batches, and where a new network begins.
 
@@ -172,11 +174,9 @@ def fit(
     x, y = torch.from_numpy(observations), torch.from_numpy(intervals)
     size = min(how.batch_size, len(x))
     steps = how.epochs * (len(x) // size)
-    optimizer = torch.optim.AdamW(
-        module.parameters(), how.learning_rate, weight_decay=how.weight_decay
-    )
+    optimizer = torch.optim.AdamW(module.parameters(), learning_rate, weight_decay=how.weight_decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, how.learning_rate, total_steps=steps + 1, pct_start=0.1
+        optimizer, learning_rate, total_steps=steps + 1, pct_start=0.1
     )
     error = 0.0
     for epoch in range(how.epochs):

@@ -33,7 +33,7 @@ class Options:
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
     fit: Fit = field(default_factory=Fit)
-    generations: int = 40
+    generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
     """Random tasks that are played in each."""
@@ -105,6 +105,7 @@ def train(options: Options, console: Console) -> Path:
             np.concatenate([observations for observations, _ in window]),
             np.concatenate([intervals for _, intervals in window]),
             options.fit,
+            options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
             params.n_joints,
             seed=options.run.seed + 1000 * generation,
         )
