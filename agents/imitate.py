@@ -15,9 +15,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.mlp import build, from_numpy, to_numpy
+from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from agents.symmetry import mirror
 from agents.teacher import Decisions
+from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
@@ -43,6 +44,14 @@ class Fit:
     """Of the soft minimum [intervals]."""
     cross_entropy: float = 0.3
     """Weight of the cross-entropy beside the expected regret."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where a value can't be used."""
+        for name in ("epochs", "batch_size", "learning_rate", "temperature"):
+            if not getattr(self, name) > 0:
+                raise InvalidInputError(name, getattr(self, name), "a positive number")
+        if not self.hidden or min(self.hidden) < 1:
+            raise InvalidInputError("hidden", self.hidden, "positive sizes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,4 +131,4 @@ def fit(
             preferred = costs.gather(1, logits.argmax(dim=1, keepdim=True))
             figures["regret"] += float(preferred.mean()) / len(batches)
             figures["infeasible"] += float((preferred >= VIOLATION).float().mean()) / len(batches)
-    return to_numpy(module), figures
+    return to_numpy(linear_layers(module)), figures

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import torch
 from torch import nn
 
+from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 
 
@@ -24,9 +25,13 @@ def build(sizes: Sequence[int]) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def to_numpy(module: nn.Module) -> Network:
-    """The linear layers of a module, in their order, copied."""
-    layers = [layer for layer in module.modules() if isinstance(layer, nn.Linear)]
+def linear_layers(modules: Iterable[nn.Module]) -> list[nn.Linear]:
+    """The linear layers among some modules, in their order."""
+    return [module for module in modules if isinstance(module, nn.Linear)]
+
+
+def to_numpy(layers: Sequence[nn.Linear]) -> Network:
+    """Linear layers as a network, copied."""
     return Network(
         weights=[
             np.ascontiguousarray(layer.weight.detach().cpu().numpy().T, dtype=np.float32)
@@ -36,12 +41,23 @@ def to_numpy(module: nn.Module) -> Network:
     )
 
 
-def from_numpy(network: Network) -> nn.Sequential:
-    """A module with a network's weights."""
-    module = build(network.sizes)
-    layers = [layer for layer in module if isinstance(layer, nn.Linear)]
+def load_weights(layers: Sequence[nn.Linear], network: Network) -> None:
+    """Gives linear layers a network's weights.
+
+    Raises:
+        InvalidInputError: The sizes differ.
+    """
+    sizes = [layers[0].in_features, *(layer.out_features for layer in layers)]
+    if sizes != network.sizes:
+        raise InvalidInputError("hidden", sizes[1:-1], f"{network.sizes[1:-1]}: the network's")
     with torch.no_grad():
         for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
             layer.weight.copy_(torch.from_numpy(weight.T.copy()))
             layer.bias.copy_(torch.from_numpy(bias.copy()))
+
+
+def from_numpy(network: Network) -> nn.Sequential:
+    """A module with a network's weights."""
+    module = build(network.sizes)
+    load_weights(linear_layers(module), network)
     return module

@@ -13,8 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.mlp import build, from_numpy, to_numpy
+from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from agents.symmetry import mirror
+from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
@@ -45,6 +46,14 @@ class Fit:
     """Largest learning rate of AdamW in the first generation; falls to a twentieth by the last."""
     weight_decay: float = 1e-4
     """Weight decay of AdamW."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where a value can't be used."""
+        for name in ("epochs", "batch_size", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise InvalidInputError(name, getattr(self, name), "a positive number")
+        if not self.hidden or min(self.hidden) < 1:
+            raise InvalidInputError("hidden", self.hidden, "positive sizes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,4 +200,4 @@ def fit(
             optimizer.step()
             schedule.step()
             error += float((estimate.detach() - y[rows]).abs().mean()) / len(batches)
-    return to_numpy(module), error
+    return to_numpy(linear_layers(module)), error

@@ -10,13 +10,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from contextlib import closing
 from importlib.metadata import version
 from typing import Any
 
 import joblib
 from rich.console import Console
 
+from evaluate.engine import WorkerLostError
 from evaluate.options import Options, parse
 from evaluate.progress import progress
 from evaluate.protocol import Shard, check_policy, run_shard
@@ -27,8 +28,6 @@ from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
 from snake_env.tasks import load_tasks
-
-_PORTION = 16  # episodes for each worker of a Ray cluster at a time
 
 
 def main() -> int:
@@ -45,7 +44,7 @@ def main() -> int:
 
 
 def evaluate(options: Options) -> int:
-    """Evaluates the policies and reports; the exit code: 0, or 130 when interrupted.
+    """Evaluates the policies and reports; the exit code: 0, 130 when interrupted, 1 without workers.
 
     Raises:
         SnakeEnvError: The options can't be used.
@@ -76,19 +75,21 @@ def evaluate(options: Options) -> int:
     shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
     _take_signals(signal.default_int_handler)
     began = time.monotonic()
-    complete = True
+    stopped, code = "", 0
     try:
         _run(shards, store, options, console)
     except KeyboardInterrupt:
         _take_signals(signal.SIG_IGN)  # a worker's may have come before our own
-        complete = False
+        stopped, code = "interrupted", 130
+    except WorkerLostError as error:
+        stopped, code = f"error: {error}", 1
     summary = _summary(options, config, store, params)
-    store.write(options.policies, summary, complete=complete)
-    if not complete:
+    store.write(options.policies, summary, complete=not stopped)
+    if stopped:
         done = sum(len(result.rows) for result in store.results.values())
         where = f"{options.out}: --resume goes on from there" if options.out else "lost (no --out)"
-        print(f"interrupted: {done} finished episodes are in {where}", file=sys.stderr)
-        return 130
+        print(f"{stopped}: {done} finished episodes are in {where}", file=sys.stderr)
+        return code
     for title, table in result_tables(summary):
         console.print(title, style="bold", soft_wrap=True, markup=False)
         console.print(table)
@@ -118,39 +119,17 @@ def _take_signals(handler: Any) -> None:
 
 def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:
     """Runs the shards on the workers; each is stored as it comes."""
-    if not shards:
-        return
-    n_jobs = min(joblib.cpu_count() if options.workers == -1 else options.workers, len(shards))
     with (
-        joblib.parallel_config(backend=_backend(options.engine)),
         progress(console, sum(len(shard.tasks) for shard in shards), "episodes") as advance,
+        closing(options.engine.map(_keyed, shards)) as results,
     ):
-        for results in _in_turn(shards, n_jobs, streaming=options.engine == "local"):
-            for policy, first, result in results:
-                store.add((policy, first), result)
-                advance(policy, len(result.rows))
-
-
-def _in_turn(shards: list[Shard], n_jobs: int, *, streaming: bool) -> Iterator[Iterable[Any]]:
-    """The shards' results as they come; joblib's backend for Ray can only give them in portions."""
-    size = len(shards) if streaming else _PORTION * n_jobs
-    returned = "generator_unordered" if streaming else "list"
-    for first in range(0, len(shards), size):
-        parallel = joblib.Parallel(n_jobs=n_jobs, return_as=returned, batch_size=1)
-        yield parallel(joblib.delayed(_keyed)(shard) for shard in shards[first : first + size])
+        for policy, first, result in results:
+            store.add((policy, first), result)
+            advance(policy, len(result.rows))
 
 
 def _keyed(shard: Shard) -> tuple[str, int, Any]:
     return shard.policy, shard.tasks[0], run_shard(shard)
-
-
-def _backend(engine: str) -> str:
-    if engine == "local":
-        return "loky"
-    from ray.util.joblib import register_ray
-
-    register_ray()
-    return "ray"
 
 
 def _summary(

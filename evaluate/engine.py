@@ -74,35 +74,34 @@ class Engine:
                 raise InvalidInputError("address", self.address, "--engine ray to go with it")
             return
         if importlib.util.find_spec("ray") is None:
-            raise MissingDependencyError(
-                "--engine ray needs Ray: pip install snake-mode-env[ray]"
-            )
+            raise MissingDependencyError("--engine ray needs Ray: pip install snake-mode-env[ray]")
         if self.address is not None:
             self._check_cluster(self.address)
 
     def _check_cluster(self, address: str) -> None:
         if address != "auto" and not re.fullmatch(r"[^\s/]+:\d{1,5}", address):
             raise InvalidInputError("address", address, "HOST:PORT of a Ray cluster, or auto")
-        # in a process that can be killed: nothing ends ray.init before it gives up by itself
+        # in a process that can be killed: ray.init itself tries for minutes
         try:
             probe = subprocess.run(
                 [sys.executable, "-c", _PROBE, address],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
-                text=True,
                 timeout=_PATIENCE_S,
             )
-        except subprocess.TimeoutExpired:
-            expected = f"a Ray cluster, but none answered within {_PATIENCE_S:.0f} s"
-            raise InvalidInputError("address", address, expected) from None
-        told = " ".join(probe.stdout.split())
-        if probe.returncode:
-            raise InvalidInputError("address", address, f"a Ray cluster that can be used ({told})")
-        if self.workers > int(told):
-            expected = f"at most {told}, the CPUs of the Ray cluster"
+            answered, told, complaints = probe.returncode == 0, probe.stdout, probe.stderr
+        except subprocess.TimeoutExpired as late:
+            answered, told, complaints = False, b"", late.stderr or b""
+        if not answered:
+            raise InvalidInputError("address", address, _expected_cluster(told or complaints))
+        cpus = int(told)
+        if self.workers > cpus:
+            expected = f"at most {cpus}, the CPUs of the Ray cluster"
             raise InvalidInputError("workers", self.workers, expected)
 
-    def map(self, work: Callable[[Shard], Result], shards: Iterable[Shard]) -> Iterator[Result]:
+    def map(
+        self, work: Callable[[Shard], Result], shards: Iterable[Shard]
+    ) -> Generator[Result, None, None]:
         """Does the work on every shard.
 
         Linear algebra runs on one thread in each worker: its sums depend on the number of threads. When
@@ -122,6 +121,10 @@ class Engine:
         if not left:
             return
         count = min(self._count(), len(left))
+        if count == 1:
+            for number, shard in left.items():
+                yield _call(work, number, shard)[1]
+            return
         losses = 0
         while left:
             parallel = joblib.Parallel(
@@ -185,13 +188,21 @@ class Engine:
         return (RayActorError, ObjectLostError, OutOfMemoryError)
 
 
+def _expected_cluster(complaints: bytes) -> str:
+    """What to do about a cluster that can't be used: Ray's last complaint tells why."""
+    lines = complaints.decode(errors="replace").splitlines()
+    reason = re.sub(r"^\[.*?\] (\S+:\d+: )?", "", lines[-1]) if lines else "no answer"
+    hint = ": set RAY_AUTH_MODE=token?" if "token" in reason else ""
+    return f"a Ray cluster that answers within {_PATIENCE_S:.0f} s ({reason}{hint})"
+
+
 def _call(work: Callable[[Shard], Result], number: int, shard: Shard) -> tuple[int, Result]:
     with threadpool_limits(1, "blas"):
         return number, work(shard)
 
 
 @contextmanager
-def _closing(results: Generator[Result]) -> Iterator[Iterator[Result]]:
+def _closing(results: Generator[Result, None, None]) -> Iterator[Iterator[Result]]:
     """Ends the workers when the results are not wanted any more."""
     try:
         yield results

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import io
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import tyro
 
-from snake_env.errors import InvalidInputError, MissingDependencyError, SnakeEnvError
+from evaluate.engine import Engine
+from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
 
 Assignments = tyro.conf.UseAppendAction[
@@ -44,12 +44,9 @@ class Options:
     """Replace the results in --out."""
     resume: bool = False
     """Go on with the interrupted run in --out."""
-    workers: int = -1
-    """Processes; -1: one for each core."""
-    engine: Literal["local", "ray"] = "local"
-    """What runs the workers: processes of this machine, or a Ray cluster."""
     no_pictures: bool = False
     """Only write the figures."""
+    engine: Engine = field(default_factory=Engine)
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -62,16 +59,13 @@ class Options:
         for position, name in enumerate(self.policies):
             if name in self.policies[:position]:
                 raise InvalidInputError("POLICY", name, "each policy once")
-        if self.workers == 0 or self.workers < -1:
-            expected = "a positive number, or -1 for all cores"
-            raise InvalidInputError("workers", self.workers, expected)
         if self.out is None and (self.overwrite or self.resume):
             raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
-        if self.engine == "ray" and importlib.util.find_spec("ray") is None:
-            raise MissingDependencyError("--engine ray needs Ray: pip install ray")
-        return SnakeParams.preset(self.preset, **parse_overrides(self.set))
+        params = SnakeParams.preset(self.preset, **parse_overrides(self.set))
+        self.engine.check()
+        return params
 
 
 T = TypeVar("T")

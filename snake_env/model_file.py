@@ -95,7 +95,7 @@ def read_model(path: Path) -> Model:
         raise _bad(path, "the file that its manifest was written for (the sha256 differs)")
     try:
         tensors = load(data)
-    except SafetensorError as error:
+    except (SafetensorError, KeyError) as error:  # KeyError: a type that NumPy lacks
         raise _bad(path, f"a safetensors file ({error})") from None
     sizes: list[int] = manifest["network"]
     layers = len(sizes) - 1
@@ -116,12 +116,14 @@ def read_model(path: Path) -> Model:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     """The manifest of a model, checked field by field."""
+    if not path.name:
+        raise _bad(path, "a .safetensors file")
     file = path.with_suffix(".json")
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise _bad(file, f"the model's manifest ({error.strerror})") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise _bad(file, "a manifest in JSON") from None
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
         raise _bad(file, f"a manifest of schema {SCHEMA}")

@@ -1,5 +1,6 @@
 """What the tests share: constants, random states, the oracle's view of a state, episodes."""
 
+import dataclasses
 import functools
 import math
 
@@ -63,6 +64,14 @@ def random_state(
         phase_time=float(rng.choice([0.0, 3.0, rng.uniform(0.0, 2.0)])),
         ref_start=float(phi[phase - 1] + 0.05 * rng.normal()),
         elapsed=float(rng.uniform(0.0, 100.0)),
+    )
+
+
+def same_state(one: SnakeState, other: SnakeState) -> bool:
+    """Whether two states are equal to the bit, field by field."""
+    return all(
+        np.array_equal(getattr(one, field.name), getattr(other, field.name))
+        for field in dataclasses.fields(SnakeState)
     )
 
 

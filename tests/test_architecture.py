@@ -28,7 +28,7 @@ NEVER_AT_MODULE_LEVEL = {
     "numba",
     "scipy",
 }
-ADAPTERS = {"sb3": {"stable_baselines3"}}  # imported by no other module
+ADAPTERS = {"sb3": {"stable_baselines3", "torch"}}  # imported by no other module
 NEVER = {"evaluate", "train", "agents", "tests"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

@@ -386,7 +386,10 @@ def test_missing_ray__is_named_and_nothing_is_written(
     arguments = f"random --tasks random:2:1 --engine ray --out {out}"
     monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
     assert command.main() == 2
-    assert capfd.readouterr() == ("", "error: --engine ray needs Ray: pip install ray\n")
+    assert capfd.readouterr() == (
+        "",
+        "error: --engine ray needs Ray: pip install snake-mode-env[ray]\n",
+    )
     assert not out.exists()
 
 

@@ -15,6 +15,10 @@ COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
     "collect": "decisions of a teacher, with the cost-to-go of every mode",
     "value": "the cost-to-go network that guides the planner",
+    "imitate": "a policy network, from a teacher's costs of every mode",
+    "ppo": "a policy by proximal policy optimisation",
+    "dqn": "action values by deep Q-learning",
+    "export": "ship the best model of a run with the package",
 }
 """What can be trained or made; each is a module of this package with ``Options`` and ``train``."""
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from evaluate.engine import Engine
 from rich.console import Console
 
 from agents.value import Fit, Play, Returns, fit, play
+from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model, write_model
@@ -49,11 +49,7 @@ class Options:
         for name in ("generations", "episodes", "window"):
             if getattr(self, name) < 1:
                 raise InvalidInputError(name, getattr(self, name), "a positive number")
-        for name in ("epochs", "batch_size", "learning_rate"):
-            if getattr(self.fit, name) <= 0:
-                raise InvalidInputError(name, getattr(self.fit, name), "a positive number")
-        if not self.fit.hidden or min(self.fit.hidden) < 1:
-            raise InvalidInputError("hidden", self.fit.hidden, "positive sizes")
+        self.fit.check()
         self.engine.check()
         return self.robot.params()
 

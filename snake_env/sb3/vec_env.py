@@ -8,16 +8,10 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
 
-from snake_env.errors import InvalidInputError, MissingDependencyError
+from snake_env.errors import InvalidInputError
 from snake_env.vector_env import SnakeModeSelectionVectorEnv
-
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError:
-    raise MissingDependencyError(
-        "snake_env.sb3 needs Stable-Baselines3: pip install snake-mode-env[train]"
-    ) from None
 
 
 class SnakeVecEnv(VecEnv):

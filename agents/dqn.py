@@ -1,0 +1,92 @@
+"""DQN: stable-baselines3's, masked, on many robots at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
+from torch import nn
+
+from agents.mlp import linear_layers, load_weights, to_numpy
+from snake_env.network import Network
+from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How DQN learns."""
+
+    timesteps: int = 4_000_000
+    """Decisions to learn from."""
+    hidden: tuple[int, ...] = (384, 384)
+    """Sizes of the hidden layers."""
+    num_envs: int = 256
+    """Robots side by side."""
+    buffer_size: int = 300_000
+    """Decisions in the replay buffer."""
+    learning_starts: int = 20_000
+    """Decisions before the first update."""
+    n_steps: int = 4
+    """Decisions of each robot between two rounds of updates."""
+    gradient_steps: int = 16
+    """Gradient steps in a round of updates."""
+    batch_size: int = 512
+    """Decisions in a gradient step."""
+    target_update: int = 8_192
+    """Decisions between two updates of the target network."""
+    learning_rate: float = 3e-4
+    """Learning rate of Adam at the beginning; falls to a twentieth of it by the end."""
+    gamma: float = 0.995
+    """Discount for an interval."""
+    exploration: float = 0.2
+    """Share of random choices at the beginning."""
+    exploration_end: float = 0.01
+    """Share of random choices after the first half."""
+
+
+def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> MaskedDQN:
+    """A DQN learner; its random numbers and the robots' come from ``seed``."""
+    return MaskedDQN(
+        MaskedDQNPolicy,
+        env,
+        learning_rate=settings.learning_rate,
+        buffer_size=settings.buffer_size,
+        learning_starts=settings.learning_starts,
+        batch_size=settings.batch_size,
+        gamma=settings.gamma,
+        train_freq=settings.n_steps,
+        gradient_steps=settings.gradient_steps,
+        target_update_interval=settings.target_update,
+        exploration_initial_eps=settings.exploration,
+        exploration_final_eps=settings.exploration_end,
+        exploration_fraction=0.5,
+        policy_kwargs={"net_arch": list(settings.hidden), "activation_fn": nn.ReLU},
+        seed=seed,
+        device=device,
+    )
+
+
+def initialise(model: MaskedDQN, network: Network) -> None:
+    """Gives the action values a network's weights."""
+    for q_net in (model.q_net, model.q_net_target):
+        load_weights(linear_layers(q_net.q_net), network)
+
+
+def iterate(model: MaskedDQN, callback: BaseCallback) -> None:
+    """Some decisions and the updates that follow."""
+    assert model.env is not None
+    model.collect_rollouts(
+        model.env,
+        callback,
+        TrainFreq(model.train_freq.frequency, TrainFrequencyUnit.STEP),
+        model.replay_buffer,
+        learning_starts=model.learning_starts,
+    )
+    if model.num_timesteps > model.learning_starts:
+        model.train(model.gradient_steps, model.batch_size)
+
+
+def network(model: MaskedDQN) -> Network:
+    """The action values' network."""
+    return to_numpy(linear_layers(model.q_net.q_net))

@@ -1,0 +1,93 @@
+"""PPO: stable-baselines3's, masked, on many robots at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from torch import nn
+
+from agents.mlp import linear_layers, load_weights, to_numpy
+from snake_env.network import Network
+from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How PPO learns."""
+
+    timesteps: int = 8_000_000
+    """Decisions to learn from."""
+    hidden: tuple[int, ...] = (384, 384)
+    """Sizes of the hidden layers, of the actor's and of the critic's network."""
+    num_envs: int = 512
+    """Robots side by side."""
+    n_steps: int = 32
+    """Decisions of each robot between two updates."""
+    batch_size: int = 2048
+    """Decisions in a gradient step."""
+    n_epochs: int = 4
+    """Passes over the decisions in an update."""
+    learning_rate: float = 3e-4
+    """Learning rate of Adam at the beginning; falls to a twentieth of it by the end."""
+    clip_range: float = 0.2
+    """Clipping of the policy's ratio."""
+    entropy: float = 0.003
+    """Weight of the entropy."""
+    gamma: float = 0.995
+    """Discount for an interval."""
+    gae_lambda: float = 0.95
+    """Decay of the generalised advantage estimate."""
+    critic_only: int = 262_144
+    """After --init, decisions from which only the critic learns."""
+
+
+def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
+    """A PPO learner; its random numbers and the robots' come from ``seed``."""
+    return PPO(
+        MaskedActorCriticPolicy,
+        env,
+        learning_rate=settings.learning_rate,
+        n_steps=settings.n_steps,
+        batch_size=settings.batch_size,
+        n_epochs=settings.n_epochs,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
+        clip_range=settings.clip_range,
+        ent_coef=settings.entropy,
+        policy_kwargs={
+            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.hidden)},
+            "activation_fn": nn.ReLU,
+        },
+        seed=seed,
+        device=device,
+    )
+
+
+def initialise(model: PPO, network: Network) -> None:
+    """Gives the actor a network's weights."""
+    load_weights(_actor(model), network)
+
+
+def iterate(model: PPO, callback: BaseCallback) -> None:
+    """One rollout and the update that follows."""
+    assert model.env is not None
+    model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
+    model.train()
+
+
+def actor_learns(model: PPO, learns: bool) -> None:
+    """Whether updates change the actor."""
+    for layer in _actor(model):
+        layer.requires_grad_(learns)
+
+
+def network(model: PPO) -> Network:
+    """The actor's network: a preference for each mode."""
+    return to_numpy(_actor(model))
+
+
+def _actor(model: PPO) -> list[nn.Linear]:
+    policy = model.policy
+    return linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])

@@ -1,0 +1,173 @@
+"""``python -m train imitate``: a policy network, from a teacher's costs of every mode."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from agents.imitate import Fit, Lessons, fit, lessons
+from agents.teacher import Visit, collect
+from evaluate.engine import Engine
+from evaluate.progress import progress
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model, read_model, write_model
+from snake_env.network import Network
+from snake_env.params import SnakeParams
+from snake_env.programs import warm_up
+from train.run import Robot, Run, RunFolder, command
+from train.validation import Validation, quality
+
+_PART = 2048  # decisions that a worker collects at a time
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn which mode is cheap from a teacher that knows what each would cost (DAgger).
+
+    Round by round the student plays random tasks, the teacher judges every mode of the states on the
+    way, and the student is fitted to the last rounds' judgements.
+    """
+
+    run: Run = field(default_factory=Run)
+    robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
+    fit: Fit = field(default_factory=Fit)
+    validation: Validation = field(default_factory=Validation)
+    rounds: int = 24
+    """Rounds of playing and fitting."""
+    decisions: int = 81_920
+    """Decisions that are judged in each round, in parts of 2048."""
+    window: int = 12
+    """Rounds whose judgements the network is fitted to."""
+    depth: int = 0
+    """Intervals that the teacher searches beyond a mode's end, before it takes the value."""
+    overweight: float = 1.0
+    """Keep states near a deadlock (at most 3 feasible modes) so many times as often as others."""
+
+    def check(self) -> SnakeParams:
+        """The constants that the options ask for.
+
+        Raises:
+            SnakeEnvError: An option's value can't be used.
+        """
+        for name, least in (("rounds", 1), ("decisions", 1), ("window", 1), ("depth", 0)):
+            if getattr(self, name) < least:
+                raise InvalidInputError(name, getattr(self, name), f"at least {least}")
+        if not self.overweight >= 1.0:
+            raise InvalidInputError("overweight", self.overweight, "at least 1")
+        self.fit.check()
+        self.validation.check()
+        self.engine.check()
+        return self.robot.params()
+
+
+def train(options: Options, console: Console) -> Path:
+    """Runs all rounds, or those that an interrupted run has left.
+
+    A round depends on the run's seed, its own number, the network before it and the window only.
+
+    Returns:
+        The best model's file.
+    """
+    params = options.check()
+    config = {
+        **dataclasses.asdict(options.fit),
+        **{
+            key: getattr(options, key)
+            for key in ("rounds", "decisions", "window", "depth", "overweight")
+        },
+        **dataclasses.asdict(options.validation),
+        "seed": options.run.seed,
+        "params": dataclasses.asdict(params),
+    }
+    folder = RunFolder(options.run, f"imitate-{options.robot.preset}", config)
+    rows: list[dict[str, Any]] = list(folder.rows())
+    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    warm_up(params)
+    for number in range(len(rows), options.rounds):
+        label = f"round {number + 1} of {options.rounds}"
+        _play(options, number, network, params, folder.path, label, console)
+        first = max(0, number + 1 - options.window)
+        network, figures = fit(
+            network,
+            [_read(folder.path, k) for k in range(first, number + 1)],
+            options.fit,
+            options.fit.learning_rate * (1.0 - 0.95 * number / options.rounds),
+            params.n_joints,
+            seed=options.run.seed + 1000 * number,
+        )
+        kept = _kept(folder.path, number)
+        made = {"command": command(), "config": config, "round": number + 1}
+        write_model(kept, Model("policy", params.n_joints, network, made))
+        row = {"round": number + 1}
+        row |= {key: round(value, 5) for key, value in figures.items()}
+        row |= options.validation(kept, params)
+        if not rows or quality(row) > max(map(quality, rows)):
+            made["validation"] = row
+            best = folder.path / "best.safetensors"
+            write_model(best, Model("policy", params.n_joints, network, made))
+        rows.append(row)
+        folder.write_rows(rows)
+        for stale in (folder.path / f"lessons-{first - 1}.npz", _kept(folder.path, number - 1)):
+            stale.unlink(missing_ok=True)
+            stale.with_suffix(".json").unlink(missing_ok=True)
+        console.print(
+            f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
+            f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "
+            f"shielded {row['shielded_success']:.1%} in {row['shielded_time_s']:.1f} s",
+            soft_wrap=True,
+        )
+    console.print(f"best model: {folder.path / 'best.safetensors'}", soft_wrap=True)
+    return folder.path / "best.safetensors"
+
+
+def _play(
+    options: Options,
+    number: int,
+    network: Network | None,
+    params: SnakeParams,
+    folder: Path,
+    label: str,
+    console: Console,
+) -> None:
+    """Collects a round's lessons and keeps them."""
+    count = -(-options.decisions // _PART)
+    visits = [
+        Visit(
+            seed=options.run.seed,
+            part=number * count + part,
+            decisions=_PART,
+            teacher="lookahead",
+            depth=options.depth,
+            student=network,
+            overweight=options.overweight,
+            mirrored=False,
+            params=params,
+        )
+        for part in range(count)
+    ]
+    collected = []
+    with progress(console, count * _PART, "decisions") as advance:
+        for part, decisions in options.engine.map(collect, visits):
+            collected.append((part, lessons(decisions, params)))
+            advance(label, _PART)
+    collected.sort(key=lambda pair: pair[0])
+    np.savez(
+        folder / f"lessons-{number}.npz",
+        observations=np.concatenate([lesson.observations for _, lesson in collected]),
+        regret=np.concatenate([lesson.regret for _, lesson in collected]),
+    )
+
+
+def _kept(path: Path, number: int) -> Path:
+    return path / f"round-{number}.safetensors"
+
+
+def _read(path: Path, number: int) -> Lessons:
+    with np.load(path / f"lessons-{number}.npz") as file:
+        return Lessons(file["observations"], file["regret"])

@@ -1,0 +1,50 @@
+"""How good a policy is while it learns: the evaluation's protocol on tasks for choosing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evaluate.protocol import Shard, run_shard
+from evaluate.statistics import summarise
+from snake_env.errors import InvalidInputError
+from snake_env.params import SnakeParams
+from snake_env.policies import SHIELD
+from snake_env.tasks import load_tasks
+
+SUITE = "validation-2k"
+
+
+@dataclass(frozen=True)
+class Validation:
+    """How a policy is validated while it learns."""
+
+    validation_tasks: int = 500
+    """Tasks of validation-2k that it is tried on, raw and shielded."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where the number can't be used."""
+        if not 1 <= self.validation_tasks <= 2000:
+            raise InvalidInputError("validation_tasks", self.validation_tasks, "1 to 2000")
+
+    def __call__(self, model: Path, params: SnakeParams) -> dict[str, float]:
+        """Success rate, mean time and roll-outs per decision of a model file, raw and shielded."""
+        suite = load_tasks(SUITE, params)
+        tasks = list(range(self.validation_tasks))
+        states = [suite.initial(task, params) for task in tasks]
+        figures: dict[str, float] = {}
+        for label, policy in (("raw", str(model)), ("shielded", f"{model}{SHIELD}")):
+            result = run_shard(Shard(policy, tasks, states, params))
+            summary: dict[str, Any] = summarise(result.rows, result.latencies_us, params)
+            figures[f"{label}_success"] = round(summary["success_rate"], 5)
+            figures[f"{label}_time_s"] = round(summary["time_s"]["mean"] or float("nan"), 3)
+            figures[f"{label}_restricted_time_s"] = round(summary["restricted_mean_time_s"], 3)
+            figures[f"{label}_rollouts"] = round(summary["rollouts_per_decision"] or 0.0, 4)
+        return figures
+
+
+def quality(row: dict[str, Any]) -> tuple[float, float]:
+    """By what the best is kept: success of the raw policy, then its time (less is better)."""
+    time_s = float(row["raw_time_s"])
+    return float(row["raw_success"]), -time_s if time_s == time_s else float("-inf")
