@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import torch
+from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
-from agents.mlp import linear_layers, load_weights, to_numpy
+from agents.mlp import falling, linear_layers, load_weights, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
+
+_BUFFER = ("actions", "rewards", "dones", "timeouts")
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> Maske
     return MaskedDQN(
         MaskedDQNPolicy,
         env,
-        learning_rate=settings.learning_rate,
+        learning_rate=falling(settings.learning_rate),
         buffer_size=settings.buffer_size,
         learning_starts=settings.learning_starts,
         batch_size=settings.batch_size,
@@ -73,18 +78,46 @@ def initialise(model: MaskedDQN, network: Network) -> None:
         load_weights(linear_layers(q_net.q_net), network)
 
 
-def iterate(model: MaskedDQN, callback: BaseCallback) -> None:
+def iterate(model: MaskedDQN, callback: BaseCallback, settings: Settings) -> None:
     """Some decisions and the updates that follow."""
     assert model.env is not None
     model.collect_rollouts(
         model.env,
         callback,
-        TrainFreq(model.train_freq.frequency, TrainFrequencyUnit.STEP),
+        TrainFreq(settings.n_steps, TrainFrequencyUnit.STEP),
         model.replay_buffer,
-        learning_starts=model.learning_starts,
+        learning_starts=settings.learning_starts,
     )
-    if model.num_timesteps > model.learning_starts:
-        model.train(model.gradient_steps, model.batch_size)
+    if model.num_timesteps > settings.learning_starts:
+        model.train(settings.gradient_steps, settings.batch_size)
+
+
+def extra_state(model: MaskedDQN) -> dict[str, Any]:
+    """What goes on beside the policy and its optimiser: the replay buffer and a counter."""
+    buffer = model.replay_buffer
+    assert isinstance(buffer, DictReplayBuffer)
+    rows = buffer.buffer_size if buffer.full else buffer.pos
+    arrays = {name: getattr(buffer, name)[:rows] for name in _BUFFER}
+    for part in ("observations", "next_observations"):
+        arrays |= {f"{part}.{k}": v[:rows] for k, v in getattr(buffer, part).items()}
+    return {
+        "pos": buffer.pos,
+        "full": buffer.full,
+        "calls": model._n_calls,
+        **{name: torch.from_numpy(array) for name, array in arrays.items()},
+    }
+
+
+def set_extra_state(model: MaskedDQN, state: dict[str, Any]) -> None:
+    """Restores :func:`extra_state`."""
+    buffer = model.replay_buffer
+    assert isinstance(buffer, DictReplayBuffer)
+    buffer.pos, buffer.full, model._n_calls = state["pos"], state["full"], state["calls"]
+    for name, value in state.items():
+        if isinstance(value, torch.Tensor):
+            part, _, key = name.partition(".")
+            array = getattr(buffer, part)
+            (array[key] if key else array)[: len(value)] = value.numpy()
 
 
 def network(model: MaskedDQN) -> Network:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import torch
@@ -61,3 +61,8 @@ def from_numpy(network: Network) -> nn.Sequential:
     module = build(network.sizes)
     load_weights(linear_layers(module), network)
     return module
+
+
+def falling(learning_rate: float) -> Callable[[float], float]:
+    """A schedule of SB3's: it falls to a twentieth of ``learning_rate`` by the end."""
+    return lambda remaining: learning_rate * (0.05 + 0.95 * remaining)

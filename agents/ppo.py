@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-from agents.mlp import linear_layers, load_weights, to_numpy
+from agents.mlp import falling, linear_layers, load_weights, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
 
@@ -39,8 +40,8 @@ class Settings:
     """Discount for an interval."""
     gae_lambda: float = 0.95
     """Decay of the generalised advantage estimate."""
-    critic_only: int = 262_144
-    """After --init, decisions from which only the critic learns."""
+    critic_first: int = 0
+    """Decisions at the beginning from which only the critic learns: of use after --init."""
 
 
 def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
@@ -48,7 +49,7 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
     return PPO(
         MaskedActorCriticPolicy,
         env,
-        learning_rate=settings.learning_rate,
+        learning_rate=falling(settings.learning_rate),
         n_steps=settings.n_steps,
         batch_size=settings.batch_size,
         n_epochs=settings.n_epochs,
@@ -70,17 +71,22 @@ def initialise(model: PPO, network: Network) -> None:
     load_weights(_actor(model), network)
 
 
-def iterate(model: PPO, callback: BaseCallback) -> None:
+def iterate(model: PPO, callback: BaseCallback, settings: Settings) -> None:
     """One rollout and the update that follows."""
     assert model.env is not None
+    for layer in _actor(model):
+        layer.requires_grad_(model.num_timesteps >= settings.critic_first)
     model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
     model.train()
 
 
-def actor_learns(model: PPO, learns: bool) -> None:
-    """Whether updates change the actor."""
-    for layer in _actor(model):
-        layer.requires_grad_(learns)
+def extra_state(model: PPO) -> dict[str, Any]:
+    """What goes on beside the policy and its optimiser: nothing."""
+    return {}
+
+
+def set_extra_state(model: PPO, state: dict[str, Any]) -> None:
+    """Restores :func:`extra_state`."""
 
 
 def network(model: PPO) -> Network:

@@ -160,6 +160,8 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
         for decisions in _episodes(shard, np.random.default_rng(stream)):
             kept.append(decisions.take(np.arange(min(missing, len(decisions)))))
             missing -= len(kept[-1])
+            if missing == 0:
+                break
         wave += 1
     decisions = join(kept)
     if shard.mirrored:

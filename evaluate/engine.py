@@ -37,7 +37,7 @@ import sys, ray
 try:
     ray.init(address=sys.argv[1], log_to_driver=False, logging_level="ERROR")
 except Exception as problem:
-    print(problem)
+    print(*str(problem).split())
     sys.exit(1)
 print(int(ray.cluster_resources().get("CPU", 0)))
 """
@@ -174,7 +174,7 @@ class Engine:
             return "loky"
         from ray.util.joblib.ray_backend import RayBackend
 
-        class Backend(RayBackend):  # type: ignore[misc]
+        class Backend(RayBackend):
             supports_return_generator = True  # what keeps joblib from it are forked processes
 
         return Backend(ray_remote_args={"num_cpus": 1})
@@ -189,9 +189,9 @@ class Engine:
 
 
 def _expected_cluster(complaints: bytes) -> str:
-    """What to do about a cluster that can't be used: Ray's last complaint tells why."""
+    """What is wrong with the cluster: Ray's first complaint tells."""
     lines = complaints.decode(errors="replace").splitlines()
-    reason = re.sub(r"^\[.*?\] (\S+:\d+: )?", "", lines[-1]) if lines else "no answer"
+    reason = re.sub(r"^\[.*?\] (\S+:\d+: )?", "", lines[0]) if lines else "no answer"
     hint = ": set RAY_AUTH_MODE=token?" if "token" in reason else ""
     return f"a Ray cluster that answers within {_PATIENCE_S:.0f} s ({reason}{hint})"
 

@@ -68,9 +68,9 @@ class LookaheadPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """The first mode of the best plan; where there is none, what (21) would do."""
-        if self._plan is None or not self._plan.modes or not _same(state, self._plan.states[0]):
+        if not self._plan or not _same(state, self._plan.states[0]):
             self._plan = self._search(state) if self._failures < FAILURES else None
-        if self._plan is None:
+        if not self._plan:
             self._failures += 1
             selection = self._optimizer.select(state)
             self.rollouts += len(selection.modes)

@@ -1,0 +1,35 @@
+"""Learning curves of runs, from their logs."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+_PANELS = (
+    ("success rate, raw", "raw_success"),
+    ("success rate, shielded", "shielded_success"),
+    ("mean time of successes, raw [s]", "raw_time_s"),
+)
+
+
+def draw_curves(runs: Sequence[Path], out: Path) -> None:
+    """Draws the validations of some runs, a line each, beside one another."""
+    figure = Figure(figsize=(10.0, 3.0), layout="constrained", dpi=130)
+    axes = figure.subplots(1, len(_PANELS))
+    for run in runs:
+        with (run / "log.csv").open(encoding="utf-8", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row.get("raw_success")]
+        steps = [int(row["timesteps"]) / 1e6 for row in rows]
+        for axis, (_, key) in zip(axes, _PANELS, strict=True):
+            axis.plot(steps, [float(row[key]) for row in rows], label=run.name, marker=".")
+    for axis, (title, _) in zip(axes, _PANELS, strict=True):
+        axis.set_title(title, fontsize=9, loc="left")
+        axis.set_xlabel("million decisions")
+        axis.grid(alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(False)
+    if len(runs) > 1:
+        axes[0].legend(frameon=False, fontsize=8)
+    figure.savefig(out)

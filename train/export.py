@@ -1,0 +1,119 @@
+"""``python -m train export RUN``: ship a run's best model with the package."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+import snake_env
+from evaluate.journal import write_atomically
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model, read_model, write_model
+from train.run import SCHEMA
+
+_FILES = ("best.safetensors", "value.safetensors")
+_CARD = """# {name}
+
+{what}
+
+| | |
+|---|---|
+| robots | {n_joints} joints, {contact} |
+| learned by | `{command}` |
+| started from | {init} |
+| seed | {seed} |
+| network | {network} |
+| source | revision {git} |
+| validation (tasks of `validation-2k`) | {validation} |
+
+{limits} Results on the test tasks stand in `docs/results.md`.
+"""
+_WHAT = {
+    "policy": "Prefers modes: the policy takes the one it prefers among those that are stable at t_k, "
+    "with no model roll-out. `+shield` checks the choice with a roll-out.",
+    "value": "Says how many intervals a state still needs: the policies `value` and `lookahead` are "
+    "guided by it.",
+}
+_LIMITS = {
+    "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
+    "shapes within the joint limits, no slip, and these robots' constants only.",
+    "value": "It is an estimate, learned on random shapes within the joint limits: plans are right all "
+    "the same, as they are predicted by the model.",
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Write a run's best model, its manifest and its model card into the package."""
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Folder of a finished run of train."""
+    name: str | None = None
+    """Policy's name; default: the algorithm's, with -narrow and the joints where they differ."""
+    into: Annotated[Path, tyro.conf.arg(metavar="DIR")] = (
+        Path(snake_env.__file__).parent / "pretrained"
+    )
+    """Folder to write to."""
+
+
+def train(options: Options, console: Console) -> None:
+    """Writes ``NAME.safetensors``, ``NAME.json`` and ``NAME.md``."""
+    about = _about(options.run)
+    file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
+    if file is None:
+        raise InvalidInputError("run", str(options.run), "a run that has a model already")
+    model = read_model(file)
+    params = about["config"]["params"]
+    name = options.name or _name(about["command"].split()[3], params)
+    made = {**model.made, "git": about["git"], "versions": about["versions"]}
+    path = options.into / f"{name}.safetensors"
+    write_model(path, dataclasses.replace(model, made=made))
+    write_atomically(path.with_suffix(".md"), _card(name, model, about))
+    console.print(f"{path}", soft_wrap=True)
+
+
+def _about(run: Path) -> dict[str, Any]:
+    try:
+        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise InvalidInputError("run", str(run), "the folder of a run of train") from None
+    if not isinstance(about, dict) or about.get("schema") != SCHEMA:
+        raise InvalidInputError("run", str(run), f"a run of schema {SCHEMA}")
+    return about
+
+
+def _name(algorithm: str, params: dict[str, Any]) -> str:
+    narrow = "" if params["head_contact"] else "-narrow"
+    joints = "" if params["n_joints"] == 8 else f"-{params['n_joints']}"
+    return f"{algorithm}{narrow}{joints}"
+
+
+def _card(name: str, model: Model, about: dict[str, Any]) -> str:
+    config, validation = about["config"], model.made.get("validation")
+    figures = (
+        f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s, shielded "
+        f"{validation['shielded_success']:.1%} in {validation['shielded_time_s']:.1f} s"
+        if validation
+        else "none"
+    )
+    return _CARD.format(
+        name=name,
+        what=_WHAT[model.kind],
+        n_joints=model.n_joints,
+        contact="link 0 gives a contact"
+        if config["params"]["head_contact"]
+        else "no contact of link 0",
+        command=about["command"],
+        init=config.get("init") or "random weights",
+        seed=config["seed"],
+        network=" - ".join(map(str, model.network.sizes)),
+        git=about["git"] or "unknown",
+        validation=figures,
+        limits=_LIMITS[model.kind],
+    )

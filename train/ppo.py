@@ -1,0 +1,37 @@
+"""``python -m train ppo``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+
+from agents import ppo
+from train import rl
+from train.run import Robot, Run
+from train.validation import Validation
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train a policy by masked proximal policy optimisation (stable-baselines3)."""
+
+    run: Run = field(default_factory=Run)
+    robot: Robot = field(default_factory=Robot)
+    loop: rl.Loop = field(default_factory=rl.Loop)
+    validation: Validation = field(default_factory=Validation)
+    settings: ppo.Settings = field(default_factory=ppo.Settings)
+
+
+def train(options: Options, console: Console) -> Path:
+    """Trains; the best model's file."""
+    return rl.train(
+        ppo,
+        options.settings,
+        options.run,
+        options.robot,
+        options.loop,
+        options.validation,
+        console,
+    )
