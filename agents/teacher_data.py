@@ -43,11 +43,11 @@ def read_shard(path: Path) -> Decisions:
         InvalidInputError: The file is damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in (*STATE_FIELDS, *_ARRAYS)}
         if len({len(array) for array in arrays.values()}) != 1:
             raise ValueError("arrays of different lengths")
-    except (OSError, ValueError, TypeError, KeyError, EOFError, *_BAD_ZIP) as error:
+    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, *_BAD_ZIP) as error:
         expected = f"a whole shard ({error}); without the file, collect makes it again"
         raise InvalidInputError("shard", str(path), expected) from None
     states = StateBatch(**{name: arrays[name] for name in STATE_FIELDS})

@@ -87,8 +87,10 @@ def evaluate(options: Options) -> int:
     store.write(options.policies, summary, complete=not stopped)
     if stopped:
         done = sum(len(result.rows) for result in store.results.values())
-        where = f"{options.out}: --resume goes on from there" if options.out else "lost (no --out)"
-        print(f"{stopped}: {done} finished episodes are in {where}", file=sys.stderr)
+        kept = (
+            f"in {options.out}: --resume goes on from there" if options.out else "lost (no --out)"
+        )
+        print(f"{stopped}: {done} finished episodes are {kept}", file=sys.stderr)
         return code
     for title, table in result_tables(summary):
         console.print(title, style="bold", soft_wrap=True, markup=False)

@@ -50,7 +50,13 @@ class Store:
                 raise InvalidInputError(
                     "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
                 )
-            for pattern in ("episodes.csv", "summary.json", "fig4-*.png", "sim-1-*.png"):
+            for pattern in (
+                "episodes.csv",
+                "summary.json",
+                "cost.png",
+                "fig4-*.png",
+                "sim-1-*.png",
+            ):
                 for stale in folder.glob(pattern):
                     stale.unlink()
         self._journal = Journal(path, config, resume=resume)

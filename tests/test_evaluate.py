@@ -24,6 +24,7 @@ from PIL import Image
 from rich.console import Console
 
 from evaluate import __main__ as command
+from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
@@ -481,6 +482,28 @@ def test_killed_run__resumes(reference: Path, tmp_path: Path) -> None:
     with (out / "episodes.partial.jsonl").open("a") as file:
         file.write('{"key": ["analytic", 14')  # torn off
     _resume(out, reference)
+
+
+def test_run_whose_workers_died__keeps_what_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def dying(engine: Engine, work: Any, shards: list[Shard]) -> Iterator[Any]:
+        yield from map(work, shards[:3])
+        raise WorkerLostError("workers died 6 times: killed")
+
+    out = tmp_path / "out"
+    arguments = f"random --tasks random:5:3 --out {out}"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
+    monkeypatch.setattr(Engine, "map", dying)
+    handler = signal.getsignal(signal.SIGTERM)
+    assert command.main() == 1
+    signal.signal(signal.SIGTERM, handler)
+    assert capsys.readouterr().err == (
+        "error: workers died 6 times: killed: 3 finished episodes are in "
+        f"{out}: --resume goes on from there\n"
+    )
+    assert [row["task"] for row in _rows(out)] == ["0", "1", "2"]
+    assert (out / "episodes.partial.jsonl").is_file()
 
 
 class _Failing(FirstFeasiblePolicy):

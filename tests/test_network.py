@@ -8,7 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.mlp import build, from_numpy, to_numpy
+from agents.mlp import build, from_numpy, linear_layers, load_weights, to_numpy
+from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 
 sizes = st.lists(st.integers(1, 40), min_size=2, max_size=5)
@@ -69,16 +70,16 @@ def test_network__is_torchs(layers: list[int], seed: int) -> None:
     x = _inputs(layers, seed)
     with torch.no_grad():
         expected = module(torch.from_numpy(x)).numpy()
-    assert np.abs(to_numpy(module)(x) - expected).max() <= 1e-6
+    assert np.abs(to_numpy(linear_layers(module))(x) - expected).max() <= 1e-6
     with torch.no_grad():
-        again = from_numpy(to_numpy(module))(torch.from_numpy(x)).numpy()
+        again = from_numpy(to_numpy(linear_layers(module)))(torch.from_numpy(x)).numpy()
     assert np.array_equal(again, expected)
 
 
 @given(sizes, st.integers(0, 99))
 def test_network__goes_to_torch_and_back_to_the_bit(layers: list[int], seed: int) -> None:
     network = _network(layers, seed)
-    back = to_numpy(from_numpy(network))
+    back = to_numpy(linear_layers(from_numpy(network)))
     assert network.sizes == back.sizes == layers
     for name in ("weights", "biases"):
         for one, other in zip(getattr(network, name), getattr(back, name), strict=True):
@@ -100,7 +101,7 @@ def test_network__gives_one_input_what_it_gives_many(layers: list[int], seed: in
 
 def test_to_numpy__copies() -> None:
     module = build([3, 4, 2])
-    network = to_numpy(module)
+    network = to_numpy(linear_layers(module))
     before = [array.copy() for array in (*network.weights, *network.biases)]
     with torch.no_grad():
         for parameter in module.parameters():
@@ -117,3 +118,13 @@ def test_from_numpy__copies() -> None:
             parameter += 1.0
     for array, old in zip((*network.weights, *network.biases), before, strict=True):
         assert np.array_equal(array, old)
+
+
+def test_load_weights__refuses_a_network_of_other_sizes() -> None:
+    layers = linear_layers(build([3, 4, 2]))
+    before = [array.copy() for array in to_numpy(layers).weights]
+    load_weights(layers, _network([3, 4, 2], 0))
+    assert not any(map(np.array_equal, to_numpy(layers).weights, before))
+    for sizes in ([3, 5, 2], [3, 4, 4, 2], [3, 2], [2, 4, 2]):
+        with pytest.raises(InvalidInputError, match=r"^hidden = \[4\]: expected .*the network's"):
+            load_weights(layers, _network(sizes, 0))
