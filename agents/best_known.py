@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from snake_env.errors import InvalidModeError
 from snake_env.params import SnakeParams
 from snake_env.search import Budget, Plan, analytic_plan, beam_search, noise_of
 from snake_env.simulation import advance
@@ -45,7 +46,10 @@ def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Pl
     states, cost = [], 0.0
     for mode in modes:
         states.append(state)
-        state, prediction = advance(state, mode, params)
+        try:
+            state, prediction = advance(state, mode, params)
+        except InvalidModeError:
+            return None
         cost += float(prediction.cost[0])
         if not prediction.feasible[0]:
             return None

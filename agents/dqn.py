@@ -11,6 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
+from agents.checks import check_hidden, check_positive, check_share
 from agents.mlp import falling, linear_layers, load_weights, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
@@ -48,6 +49,13 @@ class Settings:
     """Share of random choices at the beginning."""
     exploration_end: float = 0.01
     """Share of random choices after the first half."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where a value can't be used."""
+        check_hidden(self.hidden)
+        check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "learning_rate")
+        check_positive(self, "buffer_size", "gradient_steps", "target_update")
+        check_share(self, "exploration", "exploration_end", "gamma")
 
 
 def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> MaskedDQN:

@@ -9,6 +9,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
+from agents.checks import check_hidden, check_positive, check_share
 from agents.mlp import falling, linear_layers, load_weights, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
@@ -42,6 +43,13 @@ class Settings:
     """Decay of the generalised advantage estimate."""
     critic_first: int = 0
     """Decisions at the beginning from which only the critic learns: of use after --init."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where a value can't be used."""
+        check_hidden(self.hidden)
+        check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
+        check_positive(self, "learning_rate", "clip_range")
+        check_share(self, "gae_lambda", "gamma")
 
 
 def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:

@@ -44,7 +44,7 @@ def read_shard(path: Path) -> Decisions:
     """
     try:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in (*STATE_FIELDS, *_ARRAYS)}
+            arrays = {name: np.asarray(file[name]) for name in (*STATE_FIELDS, *_ARRAYS)}
         if len({len(array) for array in arrays.values()}) != 1:
             raise ValueError("arrays of different lengths")
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, *_BAD_ZIP) as error:

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents.checks import check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from agents.symmetry import mirror
-from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
@@ -49,11 +49,8 @@ class Fit:
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
-        for name in ("epochs", "batch_size", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise InvalidInputError(name, getattr(self, name), "a positive number")
-        if not self.hidden or min(self.hidden) < 1:
-            raise InvalidInputError("hidden", self.hidden, "positive sizes")
+        check_positive(self, "epochs", "batch_size", "learning_rate")
+        check_hidden(self.hidden)
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,7 +131,7 @@ def reference(folder: Path) -> Path:
 
 def test_report__is_complete(report: Path) -> None:
     pictures = {f"fig4-{name}.png" for name in ("analytic", "random", "skid")}
-    pictures |= {"sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
+    pictures |= {"cost.png", "sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
     assert {path.name for path in report.iterdir()} == {"summary.json", "episodes.csv", *pictures}
     for name in pictures:
         with Image.open(report / name) as image:
@@ -285,7 +285,7 @@ def test_other_constants__reach_the_robot(folder: Path) -> None:
     for row in _rows(out):
         assert all(int(mode) < 16 for mode in row["modes"].split())  # 1 + 5 + 10 modes
     names = {path.name for path in out.glob("*.png")}
-    assert names == {"fig4-analytic.png", "fig4-first-feasible.png"}  # sim-1 has 8 joints
+    assert names == {"cost.png", "fig4-analytic.png", "fig4-first-feasible.png"}  # sim-1 has 8 joints
 
 
 BAD = {

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from evaluate.engine import WorkerLostError
 from evaluate.options import parse
 from snake_env.errors import SnakeEnvError, UnknownNameError
 
@@ -36,6 +37,9 @@ def main(args: list[str] | None = None) -> int:
         options = parse(module.Options, f"python -m train {words[0]}", words[1:])
         console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
         module.train(options, console)
+    except WorkerLostError as error:
+        print(f"error: {error}; --resume goes on with what is finished", file=sys.stderr)
+        return 1
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

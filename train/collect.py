@@ -80,8 +80,8 @@ def train(options: Options, console: Console) -> None:
         "seed": options.seed,
         "params": json.loads(json.dumps(asdict(params))),
     }
-    _claim(folder, about)
     options.engine.check()
+    _claim(folder, about)
     parts = range(-(-options.decisions // SHARD))
     for part in parts:
         if shard_path(folder, part).exists():

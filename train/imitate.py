@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from agents.checks import check_positive
 from agents.imitate import Fit, Lessons, fit, lessons
 from agents.teacher import Visit, collect
 from evaluate.engine import Engine
@@ -55,9 +56,9 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        for name, least in (("rounds", 1), ("decisions", 1), ("window", 1), ("depth", 0)):
-            if getattr(self, name) < least:
-                raise InvalidInputError(name, getattr(self, name), f"at least {least}")
+        check_positive(self, "rounds", "decisions", "window")
+        if self.depth < 0:
+            raise InvalidInputError("depth", self.depth, "zero or a positive number")
         if not self.overweight >= 1.0:
             raise InvalidInputError("overweight", self.overweight, "at least 1")
         self.fit.check()

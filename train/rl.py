@@ -28,6 +28,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
+from agents.checks import check_positive
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
 from snake_env.errors import InvalidInputError, UnknownNameError
@@ -64,9 +65,7 @@ class Loop:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        for name in ("segment", "validate_every"):
-            if getattr(self, name) < 1:
-                raise InvalidInputError(name, getattr(self, name), "a positive number")
+        check_positive(self, "segment", "validate_every")
         if self.device not in ("cpu", "cuda"):
             raise UnknownNameError("device", self.device, ["cpu", "cuda"])
         if self.device == "cuda" and not torch.cuda.is_available():
@@ -103,6 +102,7 @@ def train(
         The best model's file.
     """
     params, weights = robot.params(), loop.check()
+    settings.check()
     validation.check()
     name = algorithm.__name__.rsplit(".", 1)[-1]
     begun = None if loop.init is None else read_model(loop.init)
@@ -157,7 +157,7 @@ def train(
                 last = folder.path / "last.safetensors"
                 write_model(last, Model("policy", params.n_joints, algorithm.network(model), made))
                 row |= validation(last, params)
-                known = [quality(r) for r in rows if r.get("raw_success")]
+                known = [quality(r) for r in rows if r.get("raw_success", "") != ""]
                 if not known or quality(row) > max(known):
                     made["validation"] = row
                     write_model(

@@ -12,10 +12,10 @@ from typing import Annotated
 import joblib
 import numpy as np
 import tyro
-from evaluate.engine import Engine
 from rich.console import Console
 
 from agents.best_known import COLUMNS, Problem, Row, solve
+from evaluate.engine import Engine
 from evaluate.journal import Journal, writable_folder, write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
@@ -125,8 +125,11 @@ def _known(path: Path | None, count: int) -> list[tuple[int, ...]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
-                known[int(row["task"])] = tuple(map(int, row["modes"].split()))
-    except (OSError, KeyError, ValueError, IndexError) as error:
+                task, modes = int(row["task"]), row["modes"] or ""
+                if not 0 <= task < count:
+                    raise ValueError(f"there is no task {task}")
+                known[task] = tuple(map(int, modes.split()))
+    except (OSError, KeyError, ValueError, csv.Error) as error:
         expected = f"the plans.csv of a search of these tasks ({error})"
         raise InvalidInputError("improve", str(path), expected) from None
     return known

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from agents.checks import check_positive
 from agents.value import Fit, Play, Returns, fit, play
 from evaluate.engine import Engine
 from evaluate.progress import progress
-from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
@@ -46,9 +46,7 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        for name in ("generations", "episodes", "window"):
-            if getattr(self, name) < 1:
-                raise InvalidInputError(name, getattr(self, name), "a positive number")
+        check_positive(self, "generations", "episodes", "window")
         self.fit.check()
         self.engine.check()
         return self.robot.params()

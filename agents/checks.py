@@ -1,0 +1,27 @@
+"""Checks of options that many methods have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from snake_env.errors import InvalidInputError
+
+
+def check_positive(options: Any, *names: str) -> None:
+    """Raises InvalidInputError unless these fields are positive."""
+    for name in names:
+        if not getattr(options, name) > 0:
+            raise InvalidInputError(name, getattr(options, name), "a positive number")
+
+
+def check_share(options: Any, *names: str) -> None:
+    """Raises InvalidInputError unless these fields are from 0 to 1."""
+    for name in names:
+        if not 0.0 <= getattr(options, name) <= 1.0:
+            raise InvalidInputError(name, getattr(options, name), "a number from 0 to 1")
+
+
+def check_hidden(hidden: tuple[int, ...]) -> None:
+    """Raises InvalidInputError unless these can be the sizes of hidden layers."""
+    if not hidden or min(hidden) < 1:
+        raise InvalidInputError("hidden", hidden, "one or more positive sizes")

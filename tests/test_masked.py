@@ -1,0 +1,151 @@
+"""Masked PPO and DQN: nothing closed is ever chosen, nor does it count."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+
+from agents import dqn, ppo
+from snake_env.network import Network
+from snake_env.sb3 import MaskedDQN, SnakeVecEnv
+from snake_env.sb3.masked import CLOSED
+
+PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
+DQN_SETTINGS = dqn.Settings(
+    hidden=(16, 8), num_envs=4, buffer_size=400, learning_starts=40, batch_size=16
+)
+
+
+class _Checked(SnakeVecEnv):
+    """Counts choices that the mask forbids."""
+
+    wrong = 0
+    steps = 0
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        self.wrong += int(np.sum(~self.action_masks()[np.arange(len(actions)), actions]))
+        self.steps += len(actions)
+        super().step_async(actions)
+
+
+@pytest.fixture
+def env() -> _Checked:
+    return _Checked(4, mask_in_observation=True)
+
+
+@pytest.fixture
+def learner(env: _Checked) -> PPO:
+    return ppo.build(PPO_SETTINGS, env, seed=1, device="cpu")
+
+
+@pytest.fixture
+def q_learner(env: _Checked) -> MaskedDQN:
+    return dqn.build(DQN_SETTINGS, env, seed=1, device="cpu")
+
+
+def _tensors(observation: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
+    return {key: torch.as_tensor(value) for key, value in observation.items()}
+
+
+def test_ppo__never_chooses_a_closed_mode_while_it_learns(env: _Checked, learner: PPO) -> None:
+    learner.learn(256)
+    assert env.steps >= 256
+    assert env.wrong == 0
+
+
+def test_dqn__never_chooses_a_closed_mode_while_it_learns(
+    env: _Checked, q_learner: MaskedDQN
+) -> None:
+    q_learner.learn(256)  # the first 40 at random, then by chance and greedily
+    assert env.steps >= 256
+    assert env.wrong == 0
+
+
+@pytest.mark.parametrize("deterministic", [True, False])
+def test_predict__chooses_the_only_open_mode(
+    env: _Checked, learner: PPO, q_learner: MaskedDQN, deterministic: bool
+) -> None:
+    observation = env.reset()
+    only = np.array([3, 98, 0, 41])
+    observation["action_mask"] = np.eye(99, dtype=np.int8)[only]
+    q_learner.exploration_rate = 0.5
+    for model in (learner, q_learner):
+        for _ in range(5):
+            chosen, _ = model.predict(observation, deterministic=deterministic)
+            np.testing.assert_array_equal(chosen, only)
+
+
+def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, learner: PPO) -> None:
+    observation = env.reset()
+    with torch.no_grad():
+        got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
+    logits = ppo.network(learner)(observation["observation"]).astype(np.float64)
+    wanted = np.exp(logits) * observation["action_mask"]
+    wanted /= wanted.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(got, wanted, atol=1e-6)
+
+
+def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: PPO) -> None:
+    observation = _tensors(env.reset())
+    with torch.no_grad():
+        actions, values, log_prob = learner.policy(observation)
+        again, same, entropy = learner.policy.evaluate_actions(observation, actions)
+    torch.testing.assert_close(again, values)
+    torch.testing.assert_close(same, log_prob)
+    open_modes = observation["action_mask"].sum(dim=1).double()
+    assert (entropy <= torch.log(open_modes) + 1e-5).all()
+
+
+def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: PPO) -> None:
+    observation = _tensors(env.reset())
+    other = dict(observation, action_mask=torch.ones_like(observation["action_mask"]))
+    with torch.no_grad():
+        torch.testing.assert_close(
+            learner.policy.predict_values(observation), learner.policy.predict_values(other)
+        )
+
+
+def test_dqn__target_values_of_closed_modes_never_win(env: _Checked, q_learner: MaskedDQN) -> None:
+    observation = env.reset()
+    with torch.no_grad():
+        q_learner.q_net_target.q_net[-1].bias[:] = -50.0  # all values are far below 0
+        values = q_learner.q_net_target(_tensors(observation)).numpy()
+    closed = observation["action_mask"] == 0
+    assert (values[closed] == np.float32(CLOSED)).all()
+    assert (values.max(axis=1) > CLOSED / 2).all()
+    raw = q_learner.q_net_target.q_net(torch.as_tensor(observation["observation"]))
+    np.testing.assert_allclose(values[~closed], raw.detach().numpy()[~closed], rtol=1e-6)
+
+
+def test_dqn__explores_all_open_modes_evenly(env: _Checked, q_learner: MaskedDQN) -> None:
+    observation = env.reset()
+    observation["action_mask"][:] = 0
+    observation["action_mask"][:, [2, 5, 7, 11]] = 1
+    q_learner.exploration_rate = 1.0
+    chosen = np.concatenate([q_learner.predict(observation)[0] for _ in range(500)])
+    modes, counts = np.unique(chosen, return_counts=True)
+    np.testing.assert_array_equal(modes, [2, 5, 7, 11])
+    assert counts.min() > 400  # of 500 each; 5 standard deviations are 97
+
+
+@pytest.mark.parametrize("algorithm", [ppo, dqn], ids=["ppo", "dqn"])
+def test_initialise__gives_the_policy_the_weights(
+    algorithm: Any, env: _Checked, learner: PPO, q_learner: MaskedDQN
+) -> None:
+    model = learner if algorithm is ppo else q_learner
+    rng = np.random.default_rng(0)
+    shapes = [(99, 16), (16, 8), (8, 99)]
+    given = Network(
+        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
+        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
+    )
+    algorithm.initialise(model, given)
+    observation = env.reset()
+    got = algorithm.network(model)(observation["observation"])
+    np.testing.assert_array_equal(got, given(observation["observation"]))
+    preferences = np.where(observation["action_mask"] > 0, got, -np.inf)
+    chosen, _ = model.predict(observation, deterministic=True)
+    np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))

@@ -1,0 +1,169 @@
+"""``python -m train ppo`` and ``dqn``: they learn, they resume exactly, they refuse nonsense."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from snake_env import SnakeParams, load_policy
+from snake_env.model_file import Model, read_model, write_model
+from snake_env.network import Network
+from tests.test_network_policy import model_of
+from train.__main__ import main
+
+SMALL = {
+    "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64",
+    "dqn": "--timesteps 3072 --segment 1024 --num-envs 16 --learning-starts 300 --batch-size 32 "
+    "--buffer-size 1600 --target-update 512 --gradient-steps 2",
+}
+COMMON = "--hidden 24 24 --validation-tasks 6 --validate-every 1 --seed 3"
+
+
+def arguments(algorithm: str, out: Path, more: str = "") -> list[str]:
+    words = f"{algorithm} {SMALL[algorithm]} {COMMON} {more}".split()
+    return [*words, "--out", str(out)]
+
+
+def log(run: Path) -> list[dict[str, str]]:
+    with (run / "log.csv").open(newline="") as file:
+        return [
+            {key: value for key, value in row.items() if key != "frames_per_s"}
+            for row in csv.DictReader(file)
+        ]
+
+
+def same(one: Network, other: Network) -> bool:
+    pairs = zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs)
+
+
+@pytest.fixture(scope="module", params=["ppo", "dqn"])
+def finished(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / request.param
+    assert main(arguments(request.param, out)) == 0
+    return out
+
+
+def test_run__leaves_models_log_and_curve(finished: Path) -> None:
+    names = {path.name for path in finished.iterdir()}
+    assert {"run.json", "log.csv", "curve.png", "best.safetensors", "last.safetensors"} <= names
+    steps = [int(row["timesteps"]) for row in log(finished)]
+    assert steps == sorted(steps)
+    assert steps[-1] >= 3072
+    assert all(row["raw_success"] for row in log(finished))
+    assert any((finished / "tensorboard").iterdir())
+    policy = load_policy(finished / "best.safetensors", SnakeParams())
+    assert policy.rollouts == 0
+
+
+@pytest.mark.parametrize("when", [1, 2])
+def test_kill__and_resume_end_as_if_nothing_had_happened(
+    when: int, finished: Path, tmp_path: Path
+) -> None:
+    algorithm, out = finished.name, tmp_path / "killed"
+    command = [sys.executable, "-m", "train", *arguments(algorithm, out)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    deadline = time.monotonic() + 120.0
+    while process.poll() is None and time.monotonic() < deadline:
+        if (out / "log.csv").exists() and len(log(out)) >= when:
+            break
+        time.sleep(0.01)
+    time.sleep(0.05 * when)  # not always at the same place
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert main([*arguments(algorithm, out), "--resume"]) == 0
+    assert log(out) == log(finished)
+    for name in ("best", "last"):
+        one, other = (read_model(run / f"{name}.safetensors") for run in (out, finished))
+        assert same(one.network, other.network)
+
+
+def test_seed__decides_everything(finished: Path, tmp_path: Path) -> None:
+    algorithm = finished.name
+    other = tmp_path / "other"
+    assert main([*arguments(algorithm, other), "--seed", "4"]) == 0
+    assert log(other) != log(finished)
+
+
+def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    shapes = [(99, 24), (24, 24), (24, 99)]
+    network = Network(
+        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
+        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
+    )
+    given, out = tmp_path / "given.safetensors", tmp_path / "run"
+    write_model(given, Model("policy", 8, network))
+    words = arguments("ppo", out, f"--init {given} --critic-first 100000")
+    assert main(words) == 0
+    assert same(read_model(out / "last.safetensors").network, network)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("ppo --learning-rat 1", "Unrecognized options"),
+        ("ppo --timesteps many", "timesteps"),
+        ("ppo --timesteps 0", "timesteps = 0: expected a positive"),
+        ("ppo --preset papr", "did you mean 'paper'"),
+        ("ppo --device gpu", "unknown device 'gpu'"),
+        ("ppo --segment 0", "segment = 0"),
+        ("ppo --reward tim=1", "did you mean 'time'"),
+        ("ppo --reward time", "NAME=VALUE"),
+        ("ppo --set a_d=1", "unknown"),
+        ("ppo --validation-tasks 0", "1 to 2000"),
+        ("ppo --init nowhere.safetensors", "manifest"),
+        ("dqn --hidden", "hidden"),
+        ("dqn --seed -1", "seed"),
+        ("dqn --exploration 2", "exploration"),
+        ("pppo", "did you mean 'ppo'"),
+    ],
+)
+def test_bad_input__is_one_line_and_leaves_nothing(
+    words: str,
+    hint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1
+    assert re.search(hint, err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder__of_another_run_is_not_touched(
+    finished: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = (finished / "log.csv").read_bytes()
+    words = arguments(finished.name, finished)
+    assert main(words) == 2
+    assert "--resume" in capfd.readouterr().err
+    assert main([*words, "--resume", "--learning-rate", "0.5"]) == 2
+    assert "differ: learning_rate" in capfd.readouterr().err
+    about = (finished / "run.json").read_text()
+    try:
+        (finished / "run.json").write_text(about.replace('"schema": 1', '"schema": 99'))
+        assert main([*words, "--resume"]) == 2
+        assert "schema 1" in capfd.readouterr().err
+    finally:
+        (finished / "run.json").write_text(about)
+    assert (finished / "log.csv").read_bytes() == before
+
+
+def test_init__of_another_size_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "given.safetensors"
+    write_model(given, model_of())
+    assert main(arguments("ppo", tmp_path / "run", f"--init {given}")) == 2
+    assert "hidden" in capfd.readouterr().err

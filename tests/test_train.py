@@ -1,0 +1,705 @@
+"""``python -m train``: what solve, collect and value make, refuse and survive."""
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import train.collect
+import train.value
+from agents.best_known import COLUMNS, Problem, replay, solve
+from agents.teacher_data import read_manifest, read_shard, shards
+from evaluate.engine import Engine
+from snake_env.model_file import Model, read_model, write_model
+from snake_env.modes import mode_table
+from snake_env.network import Network
+from snake_env.observation import observation_size
+from snake_env.params import SnakeParams
+from snake_env.tasks import load_tasks
+from snake_env.value import NetworkValue
+from tests.conftest import PAPER
+from train.__main__ import COMMANDS, main
+
+ROOT = Path(__file__).resolve().parent.parent
+FIVE = SnakeParams(n_joints=5)
+QUICK = ("--set", "n_joints=5", "--workers", "1")
+SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
+COLLECT = ("collect", "--decisions", "80", "--seed", "3", *QUICK, "--out")  # 3 shards of 32
+VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
+
+
+def _run(*arguments: object) -> int:
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def _good(*arguments: object) -> None:
+    assert _run(*arguments) == 0
+
+
+def _refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """What is said about bad arguments: one line, no traceback, and nothing else."""
+    capsys.readouterr()
+    assert _run(*arguments) == 2
+    stdout, stderr = capsys.readouterr()
+    assert stdout == ""
+    assert re.fullmatch(r"error: [^\n]+\n", stderr), stderr
+    return stderr.strip().removeprefix("error: ")
+
+
+def _tree(folder: Path) -> dict[str, bytes]:
+    paths = sorted(folder.rglob("*"))
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
+
+
+def _names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+class _Interrupted:
+    """Takes the place of ``Engine.map``: Ctrl-C after so many pieces of work, of all calls."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+
+    def __get__(self, engine: Engine, owner: type[Engine]) -> Callable[..., Iterator[Any]]:
+        return self.map
+
+    def map(self, work: Callable[[Any], Any], pieces: Iterable[Any]) -> Iterator[Any]:
+        for piece in pieces:
+            if self.left == 0:
+                raise KeyboardInterrupt
+            self.left -= 1
+            yield work(piece)
+
+
+def _interrupt(after: int, *arguments: object) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Engine, "map", _Interrupted(after))
+        assert _run(*arguments) == 130
+
+
+# the command line
+
+
+@pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
+def test_help__names_every_command(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(*arguments) == (0 if arguments else 2)
+    stdout, stderr = capsys.readouterr()
+    assert stderr == ""
+    assert stdout.startswith("usage: python -m train COMMAND [options]\n")
+    for name, what in COMMANDS.items():
+        assert re.search(rf"^  {name} +{re.escape(what)}$", stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", ["solve", "collect", "value"])
+def test_help__of_a_command_names_its_options(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(command, "--help") == 0
+    text = capsys.readouterr().out
+    assert f"usage: python -m train {command}" in text
+    for option in ("--out DIR", "--set NAME=VALUE", "--preset STR", "--workers INT"):
+        assert option in text
+    about = text.split("\u256d")[0].splitlines()[1:]
+    assert not [line for line in about if line.startswith(" ")]
+
+
+BAD = {
+    "slove": r"^unknown command 'slove': did you mean 'solve'\? known: .*collect",
+    "--seed 3": r"^unknown command '--seed'",
+    "solve --budgte 5": r"--budget",
+    "solve --budget": r"--budget",
+    "solve --budget many": r"'many'",
+    "solve extra": r"extra",
+    "solve --budget 0": r"^budget = 0: expected a positive number of roll-outs$",
+    "solve --tasks random:0": r"^tasks = 'random:0': expected random:N",
+    "solve --tasks paper-50": r"^unknown task suite 'paper-50': did you mean 'paper-500'\?",
+    "solve --preset papr": r"^unknown preset 'papr': did you mean 'paper'\?",
+    "solve --set a_cc=1": r"^unknown parameter 'a_cc': did you mean 'a_c'\?",
+    "solve --set n_joints=4": r"^n_joints = 4: expected an integer from 5 to 16$",
+    "solve --workers 0": r"^workers = 0: expected a positive number, or -1",
+    "solve --engine rays": r"rays",
+    "solve --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
+    "solve --tasks random:2 --resume": r"^resume = .*: expected a folder with an interrupted run$",
+    "solve --tasks random:2 --improve {tmp}/none.csv": r"none\.csv.*No such file",
+    "solve --tasks random:2 --improve {tmp}": r"^improve = .*Is a directory",
+    "collect --decisions 0": r"^decisions = 0: expected at least 1$",
+    "collect --depth -1": r"^depth = -1: expected at least 0$",
+    "collect --seed -1": r"^seed = -1: expected at least 0$",
+    "collect --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
+    "collect --overweight nan": r"^overweight = nan: expected at least 1$",
+    "collect --teacher analitic": r"analitic",
+    "collect --workers -2": r"^workers = -2: expected a positive number, or -1",
+    "collect --student {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
+    "collect --student {tmp}": r"^model = .*: expected",
+    "value --generations 0": r"^generations = 0: expected a positive number$",
+    "value --episodes -3": r"^episodes = -3: expected a positive number$",
+    "value --window 0": r"^window = 0: expected a positive number$",
+    "value --epochs 0": r"^epochs = 0: expected a positive number$",
+    "value --batch-size 0": r"^batch_size = 0: expected a positive number$",
+    "value --learning-rate 0": r"^learning_rate = 0\.0: expected a positive number$",
+    "value --learning-rate nan": r"^learning_rate = nan: expected a positive number$",
+    "value --weight-decay -1": r"^weight_decay = -1\.0: expected zero or a positive number$",
+    "value --hidden 8 0": r"^hidden = \(8, 0\): expected positive sizes$",
+    "value --hidden": r"hidden",
+    "value --seed -1": r"^seed = -1: expected an integer, zero or positive$",
+    "value --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
+    "value --resume": r"^resume = .*: expected a folder with a run$",
+    "value --address here": r"^address = 'here': expected --engine ray to go with it$",
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = case.replace("{tmp}", str(tmp_path)).split()
+    out = () if case.startswith(("slove", "--seed")) else ("--out", tmp_path / "out")
+    assert re.search(BAD[case], _refusal(capsys, *arguments[:1], *out, *arguments[1:]))
+    assert _tree(tmp_path) == {}
+
+
+def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "train", *map(str, arguments)],
+            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120,
+            env={**os.environ, "COLUMNS": "40"},
+        )  # fmt: skip
+
+    done = run("solve", "--tasks", "random:2:1", "--budget", 300, *QUICK, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert f"of 2 tasks solved: {tmp_path}/out/plans.csv\n" in done.stdout
+    assert _names(tmp_path / "out") == {"plans.csv", "search.json"}
+    assert (
+        f"--out {tmp_path}/out" in json.loads((tmp_path / "out/search.json").read_text())["command"]
+    )
+    done = run("slove")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: unknown command 'slove': did you mean 'solve'?")
+    assert done.stderr.count("\n") == 1
+
+
+# solve
+
+
+def _plans(folder: Path) -> list[dict[str, str]]:
+    with (folder / "plans.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plans of an uninterrupted search."""
+    folder = tmp_path_factory.mktemp("solved") / "new" / "plans"
+    _good(*SOLVE, folder)
+    return folder
+
+
+def test_solve__writes_a_plan_for_every_task(solved: Path) -> None:
+    rows = _plans(solved)
+    assert [row["task"] for row in rows] == ["0", "1", "2", "3"]
+    suite = load_tasks("random:4:5", PAPER)
+    for task, row in enumerate(rows):
+        assert tuple(row) == COLUMNS
+        plan = replay(suite.initial(task, PAPER), tuple(map(int, row["modes"].split())), PAPER)
+        assert plan is not None
+        assert (len(plan), float(row["time_s"])) == (int(row["intervals"]), 3.0 * len(plan))
+        assert plan.cost == pytest.approx(float(row["cost"]), abs=1e-6)
+        problem = Problem(task, suite.initial(task, PAPER), (), 1500, PAPER)
+        assert {key: str(value) for key, value in solve(problem).items()} == row
+
+
+def test_solve__tells_what_it_found(solved: Path, tmp_path: Path, capsys: Any) -> None:
+    capsys.readouterr()
+    _good(*SOLVE, tmp_path)
+    mean = np.mean([float(row["time_s"]) for row in _plans(solved)])
+    expected = f"4 of 4 tasks solved, {mean:.2f} s on average: {tmp_path / 'plans.csv'}\n"
+    assert capsys.readouterr().out == expected
+    _good("solve", "--tasks", "random:2:5", "--budget", "1", *QUICK, "--out", tmp_path / "hard")
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == f"0 of 2 tasks solved: {tmp_path / 'hard' / 'plans.csv'}"
+    assert told[1:] == [f"task {task}: no plan in 5 roll-outs" for task in range(2)]
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_solve__that_is_interrupted_keeps_its_plans_and_resumes(
+    after: int, solved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _interrupt(after, *SOLVE, tmp_path)
+    stdout, stderr = capsys.readouterr()
+    assert f"{after} of 4 tasks are kept in {tmp_path}\n" in stdout
+    assert stderr == "interrupted; --resume goes on\n"
+    assert _names(tmp_path) == {"plans.partial.jsonl"}
+    assert (tmp_path / "plans.partial.jsonl").read_bytes().count(b"\n") == 1 + after
+    with pytest.MonkeyPatch.context() as patch:
+        engine = _Interrupted(4 - after)  # what is left is all that is done
+        patch.setattr(Engine, "map", engine)
+        _good(*SOLVE, tmp_path, "--resume")
+        assert engine.left == 0
+    assert (tmp_path / "plans.csv").read_bytes() == (solved / "plans.csv").read_bytes()
+    assert _names(tmp_path) == {"plans.csv", "search.json"}
+
+
+def test_solve__resumes_behind_a_torn_line(solved: Path, tmp_path: Path) -> None:
+    _interrupt(2, *SOLVE, tmp_path)
+    partial = tmp_path / "plans.partial.jsonl"
+    partial.write_bytes(partial.read_bytes()[:-20])
+    _interrupt(1, *SOLVE, tmp_path, "--resume")
+    _good(*SOLVE, tmp_path, "--resume")
+    assert (tmp_path / "plans.csv").read_bytes() == (solved / "plans.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [("--budget", "1600"), ("--tasks", "random:4:6"), ("--tasks", "random:5:5"),
+     ("--preset", "narrow"), ("--set", "a_c=70"), ("--improve", "{solved}/plans.csv")],
+)  # fmt: skip
+def test_solve__resumes_the_same_search_only(
+    changes: tuple[str, str], solved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _interrupt(1, *SOLVE, tmp_path)
+    before = _tree(tmp_path)
+    given = [text.replace("{solved}", str(solved)) for text in changes]
+    told = _refusal(capsys, *SOLVE, tmp_path, *given, "--resume")
+    assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
+    assert _tree(tmp_path) == before
+
+
+def test_solve__keeps_plans_unless_told_otherwise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick = ("solve", "--tasks", "random:2:5", *QUICK, "--out", tmp_path, "--budget")
+    _good(*quick, 5)
+    before = _tree(tmp_path)
+    told = _refusal(capsys, *quick, 6)
+    assert re.search(r"^out = .*: expected a folder without plans \(or --overwrite", told)
+    assert _tree(tmp_path) == before
+    _good(*quick, 9, "--overwrite")
+    assert [row["rollouts"] for row in _plans(tmp_path)] == ["10", "10"]
+    _interrupt(1, *quick, 5, "--overwrite")
+    before = _tree(tmp_path)
+    assert "--resume to go on" in _refusal(capsys, *quick, 5)
+    assert _tree(tmp_path) == before
+    _good(*quick, 5, "--resume")
+    assert [row["rollouts"] for row in _plans(tmp_path)] == ["5", "5"]
+
+
+def test_solve__begins_with_the_plans_of_another_search(solved: Path, tmp_path: Path) -> None:
+    _good(*SOLVE, tmp_path / "more", "--improve", solved / "plans.csv", "--budget", 1)
+    for old, new in zip(_plans(solved), _plans(tmp_path / "more"), strict=True):
+        assert {**old, "rollouts": "99", "width": "0"} == new
+    _good(*SOLVE, tmp_path / "best", "--improve", solved / "plans.csv", "--budget", 6000)
+    for old, new in zip(_plans(solved), _plans(tmp_path / "best"), strict=True):
+        one, other = ((int(row["intervals"]), float(row["cost"])) for row in (old, new))
+        assert other <= one
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("task,modes\n0,1 x 3\n", "invalid literal"),
+        ("task,modes\nzero,1 3\n", "invalid literal"),
+        ("task,modes\n4,1 2\n", "there is no task 4"),
+        ("task,modes\n-1,1 2\n", "there is no task -1"),
+        ("task,cost\n0,1\n", "'modes'"),
+        ("modes\n0 1\n", "'task'"),
+        ("\x00\udcff", "utf-8"),
+        ('task,modes\n0,"' + "1 " * 100_000, "field"),
+    ],
+)
+def test_solve__refuses_plans_that_are_none(
+    text: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, errors="surrogateescape")
+    told = _refusal(capsys, *SOLVE, tmp_path / "out", "--improve", path)
+    assert told.startswith("improve = ")
+    assert "expected the plans.csv of a search of these tasks" in told
+    assert reason in told
+    assert _names(tmp_path) == {"a.csv"}
+
+
+@pytest.mark.parametrize("modes", ["", "0 1 2", "98 98", "500", "-1", "0"])
+def test_solve__does_without_plans_that_lead_nowhere(
+    modes: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.csv").write_text(f"task,modes\n0,{modes}\n1\n")
+    quick = ("solve", "--tasks", "random:2:5", *QUICK, "--budget", 5, "--out")
+    _good(*quick, tmp_path / "out", "--improve", tmp_path / "a.csv")
+    _good(*quick, tmp_path / "without")
+    assert _plans(tmp_path / "out") == _plans(tmp_path / "without")
+
+
+# collect
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes shards of 32 decisions."""
+    monkeypatch.setattr(train.collect, "SHARD", 32)
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three shards, made without interruption."""
+    folder = tmp_path_factory.mktemp("collected") / "new" / "data"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train.collect, "SHARD", 32)
+        _good(*COLLECT, folder)
+    return folder
+
+
+def _shards(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("shard-*"))}
+
+
+def test_collect__makes_whole_shards(collected: Path) -> None:
+    names = {"teacher.json", *(f"shard-0000{part}.npz" for part in range(3))}
+    assert _names(collected) == names
+    assert [len(part) for part in shards(collected)] == [32, 32, 32]
+    manifest = read_manifest(collected)
+    assert {key: manifest[key] for key in ("teacher", "depth", "student", "seed")} == {
+        "teacher": "lookahead", "depth": 0, "student": None, "seed": 3,
+    }  # fmt: skip
+    assert (manifest["overweight"], manifest["mirror"]) == (1.0, False)
+    assert manifest["params"]["n_joints"] == 5
+    assert manifest["command"].startswith("python -m train")
+
+
+def test_collect__is_reproducible_to_the_byte(collected: Path, tmp_path: Path, small: None) -> None:
+    _good(*COLLECT, tmp_path)
+    assert _shards(tmp_path) == _shards(collected)
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_collect__that_is_interrupted_is_completed_by_the_same_command(
+    after: int,
+    collected: Path,
+    tmp_path: Path,
+    small: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _interrupt(after, *COLLECT, tmp_path)
+    assert f"{after} of 3 shards are in {tmp_path}\n" in capsys.readouterr().out
+    assert len(_shards(tmp_path)) == after
+    with pytest.MonkeyPatch.context() as patch:
+        engine = _Interrupted(3 - after)
+        patch.setattr(Engine, "map", engine)
+        _good(*COLLECT, tmp_path)
+        assert engine.left == 0
+    assert _shards(tmp_path) == _shards(collected)
+    assert f"96 decisions: {tmp_path}\n" in capsys.readouterr().out
+    before = _tree(tmp_path)
+    _interrupt(0, *COLLECT, tmp_path, "--decisions", 97)
+    assert _tree(tmp_path) == before
+    _good(*COLLECT, tmp_path)  # nothing is left to do
+    assert _tree(tmp_path) == before
+
+
+def test_collect__makes_a_missing_shard_again_and_adds_more(
+    collected: Path, tmp_path: Path, small: None
+) -> None:
+    _good(*COLLECT, tmp_path, "--decisions", 33)
+    assert len(_shards(tmp_path)) == 2
+    (tmp_path / "shard-00000.npz").unlink()
+    _good(*COLLECT, tmp_path)
+    assert _shards(tmp_path) == _shards(collected)
+
+
+def test_collect__mirrors_on_top(collected: Path, tmp_path: Path, small: None) -> None:
+    _good(*COLLECT, tmp_path, "--mirror", "--decisions", 32)
+    both, plain = (
+        read_shard(tmp_path / "shard-00000.npz"),
+        read_shard(collected / "shard-00000.npz"),
+    )
+    assert len(both) == 64
+    assert np.array_equal(both.states.phi, np.concatenate([plain.states.phi, -plain.states.phi]))
+
+
+OTHERS = [
+    (("--seed", "4"), "seed"),
+    (("--teacher", "analytic"), "teacher"),
+    (("--depth", "1"), "depth"),
+    (("--overweight", "2"), "overweight"),
+    (("--mirror",), "mirror"),
+    (("--set", "a_c=70"), "params"),
+    (("--preset", "narrow"), "params"),
+    (("--student", "{student}"), "student"),
+    (("--seed", "4", "--depth", "1"), "depth, seed"),
+]
+
+
+def _student(path: Path, kind: str = "policy", n_joints: int = 5) -> Path:
+    sizes = observation_size(n_joints), len(mode_table(n_joints)) if kind == "policy" else 1
+    weights = np.random.default_rng(0).normal(size=sizes).astype(np.float32)
+    network = Network([weights], [np.zeros(sizes[1], np.float32)])
+    write_model(path, Model(kind, n_joints, network))  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize(("changes", "named"), OTHERS)
+def test_collect__refuses_to_mix_data(
+    changes: tuple[str, ...],
+    named: str,
+    collected: Path,
+    tmp_path: Path,
+    small: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    student = str(_student(tmp_path / "student.safetensors"))
+    given = [text.replace("{student}", student) for text in changes]
+    before = _tree(collected)
+    told = _refusal(capsys, *COLLECT, collected, *given)
+    assert told.startswith("out = ")
+    assert told.endswith(f"a folder made with the same options (these differ: {named})")
+    assert _tree(collected) == before
+
+
+def test_collect__refuses_a_folder_of_other_things(
+    tmp_path: Path, small: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    told = _refusal(capsys, *COLLECT, tmp_path)
+    assert told.endswith("expected an empty folder, or one of teacher data")
+    assert _names(tmp_path) == {"notes.txt"}
+    (tmp_path / "teacher.json").write_text('{"schema": 99}')
+    assert "schema 1" in _refusal(capsys, *COLLECT, tmp_path)
+    told = _refusal(capsys, *COLLECT, tmp_path / "notes.txt" / "below")
+    assert "expected a folder to write to" in told
+
+
+def test_collect__reports_a_damaged_shard_before_any_work(
+    tmp_path: Path, small: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _interrupt(2, *COLLECT, tmp_path)
+    path = tmp_path / "shard-00001.npz"
+    path.write_bytes(path.read_bytes()[:500])
+    before = _tree(tmp_path)
+    told = _refusal(capsys, *COLLECT, tmp_path)
+    assert told.startswith("shard = ")
+    assert told.endswith("without the file, collect makes it again")
+    assert _tree(tmp_path) == before
+    path.unlink()
+    _good(*COLLECT, tmp_path)
+    assert len(list(shards(tmp_path))) == 3
+
+
+def test_collect__visits_a_students_states(
+    tmp_path: Path, small: None, collected: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    student = _student(tmp_path / "student.safetensors")
+    _good(*COLLECT, tmp_path / "data", "--student", student, "--decisions", 96)
+    own, teachers = (list(shards(folder)) for folder in (tmp_path / "data", collected))
+    assert not all(
+        np.array_equal(one.states.phi, other.states.phi)
+        for one, other in zip(own, teachers, strict=True)
+    )
+    assert read_manifest(tmp_path / "data")["student"] == str(student)
+
+
+@pytest.mark.parametrize(
+    ("kind", "n_joints", "named"),
+    [("value", 5, "the model of a policy"), ("policy", 6, "n_joints = 5: expected 6")],
+)
+def test_collect__refuses_students_that_cannot_play(
+    kind: str, n_joints: int, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    student = _student(tmp_path / "model.safetensors", kind, n_joints)
+    assert named in _refusal(capsys, *COLLECT, tmp_path / "out", "--student", student)
+    assert not (tmp_path / "out").exists()
+
+
+# value
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An uninterrupted run of two generations."""
+    folder = tmp_path_factory.mktemp("learned") / "run"
+    _good(*VALUE, folder)
+    return folder
+
+
+def _log(folder: Path) -> list[dict[str, str]]:
+    with (folder / "log.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _assert_same_run(folder: Path, other: Path) -> None:
+    one, two = (read_model(path / "value.safetensors").network for path in (folder, other))
+    for array, again in zip((*one.weights, *one.biases), (*two.weights, *two.biases), strict=True):
+        assert np.array_equal(array, again)
+    assert (folder / "log.csv").read_bytes() == (other / "log.csv").read_bytes()
+    assert _names(folder) == _names(other)
+
+
+def test_value__learns_a_network_that_can_be_used(learned: Path) -> None:
+    model = read_model(learned / "value.safetensors")
+    assert (model.kind, model.n_joints) == ("value", 5)
+    assert model.network.sizes == [observation_size(5), 8, 1]
+    assert model.made["generations"] == 2
+    NetworkValue(model, FIVE)
+    rows = _log(learned)
+    assert [row["generation"] for row in rows] == ["1", "2"]
+    for row in rows:
+        assert 0.0 <= float(row["greedy_success"]) <= 1.0
+        assert 0.0 < float(row["fit_error"]) < 30.0
+
+
+def test_value__writes_down_how_it_was_made(learned: Path) -> None:
+    about = json.loads((learned / "run.json").read_text())
+    assert about["schema"] == 1
+    assert about["config"]["hidden"] == [8]
+    assert about["config"]["params"]["n_joints"] == 5
+    assert {"command", "git", "python", "versions", "machine"} <= about.keys()
+    assert read_model(learned / "value.safetensors").made["config"] == about["config"]
+
+
+def test_value__is_reproducible_and_decided_by_its_seed(learned: Path, tmp_path: Path) -> None:
+    _good(*VALUE, tmp_path / "again")
+    _assert_same_run(tmp_path / "again", learned)
+    _good(*VALUE, tmp_path / "other", "--seed", 1)
+    one, other = (read_model(path / "value.safetensors") for path in (learned, tmp_path / "other"))
+    assert not np.array_equal(one.network.weights[0], other.network.weights[0])
+
+
+class _Kill(BaseException):
+    """Ends a run on the spot, as SIGKILL does."""
+
+
+def _killing(function: Callable[..., Any], calls: int, before: bool) -> Callable[..., Any]:
+    """The function, whose call of this number kills before or after it has done its work."""
+    made = 0
+
+    def killing(*arguments: Any, **options: Any) -> Any:
+        nonlocal made
+        made += 1
+        if made == calls and before:
+            raise _Kill
+        result = function(*arguments, **options)
+        if made == calls:
+            raise _Kill
+        return result
+
+    return killing
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize(
+    ("where", "name", "calls"),
+    [
+        (train.value, "fit", 1),
+        (train.value.RunFolder, "write_rows", 1),
+        (train.value.np, "savez", 2),
+        (train.value, "fit", 2),
+        (train.value, "write_model", 2),
+        (train.value.RunFolder, "write_rows", 2),
+        (train.value, "write_model", 3),
+    ],
+)
+def test_value__that_is_killed_resumes_as_if_nothing_had_happened(
+    where: Any, name: str, calls: int, before: bool, learned: Path, tmp_path: Path
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(where, name, _killing(getattr(where, name), calls, before))
+        with pytest.raises(_Kill):
+            _run(*VALUE, tmp_path)
+    _good(*VALUE, tmp_path, "--resume")
+    _assert_same_run(tmp_path, learned)
+
+
+@pytest.mark.parametrize("after", [0, 1])
+def test_value__that_is_interrupted_resumes_as_if_nothing_had_happened(
+    after: int, learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _interrupt(after, *VALUE, tmp_path)
+    assert capsys.readouterr().err == "interrupted; --resume goes on\n"
+    assert not (tmp_path / "value.safetensors").exists()
+    with pytest.MonkeyPatch.context() as patch:
+        engine = _Interrupted(2 - after)
+        patch.setattr(Engine, "map", engine)
+        _good(*VALUE, tmp_path, "--resume")
+        assert engine.left == 0
+    _assert_same_run(tmp_path, learned)
+
+
+def test_value__that_is_done_is_not_done_again(learned: Path) -> None:
+    before = _tree(learned)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Engine, "map", _Interrupted(0))
+        _good(*VALUE, learned, "--resume")
+    changed = {name for name, data in _tree(learned).items() if data != before[name]}
+    assert changed <= {str(learned / "value.json")}  # may name another command
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (("--hidden", "9"), "hidden"),
+        (("--seed", "1"), "seed"),
+        (("--generations", "3"), "generations"),
+        (("--episodes", "41", "--epochs", "5"), "episodes, epochs"),
+        (("--preset", "narrow"), "params"),
+    ],
+)
+def test_value__resumes_the_same_run_only(
+    changes: tuple[str, ...], named: str, learned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = _tree(learned)
+    told = _refusal(capsys, *VALUE, learned, *changes, "--resume")
+    assert told.startswith("resume = ")
+    expected = ", ".join(sorted(named.split(", ")))
+    assert told.endswith(f"a run with the same options (these differ: {expected})")
+    assert _tree(learned) == before
+
+
+def test_value__keeps_a_run_unless_told_otherwise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once = (*VALUE, tmp_path, "--generations", 1, "--episodes", 8)
+    _good(*once)
+    before = _tree(tmp_path)
+    told = _refusal(capsys, *once)
+    assert told.endswith("expected a new folder (or --resume to go on, or --overwrite)")
+    assert _tree(tmp_path) == before
+    _good(*once, "--overwrite", "--seed", 5)
+    assert json.loads((tmp_path / "run.json").read_text())["config"]["seed"] == 5
+    assert _names(tmp_path) == {Path(name).name for name in before}
+
+
+def test_value__refuses_a_folder_of_other_things(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    for options in ((), ("--overwrite",)):
+        told = _refusal(capsys, *VALUE, tmp_path, *options)
+        assert told.endswith("expected an empty folder, or one with a run")
+    assert _names(tmp_path) == {"notes.txt"}
+    for content in ("", "[]", '{"schema": 7}'):
+        (tmp_path / "run.json").write_text(content)
+        told = _refusal(capsys, *VALUE, tmp_path, "--resume")
+        assert told.startswith("resume = ")
+
+
+def test_value__reports_a_damaged_model(
+    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in learned.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    kept = tmp_path / "value-1.safetensors"
+    kept.write_bytes(kept.read_bytes()[:-1])
+    assert "sha256 differs" in _refusal(capsys, *VALUE, tmp_path, "--resume")
