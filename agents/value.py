@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from agents.checks import check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from agents.symmetry import mirror
+from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
@@ -50,6 +51,8 @@ class Fit:
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "batch_size", "learning_rate")
+        if not self.weight_decay >= 0.0:
+            raise InvalidInputError("weight_decay", self.weight_decay, "zero or a positive number")
         check_hidden(self.hidden)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
 import json
 import re
@@ -94,7 +95,7 @@ def parse(
             return tyro.cli(
                 options,
                 prog=prog,
-                description=options.__doc__,
+                description=inspect.getdoc(options),
                 args=args,
                 default=default,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
