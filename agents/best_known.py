@@ -5,18 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from snake_env.errors import InvalidModeError
 from snake_env.params import SnakeParams
-from snake_env.search import Budget, Plan, analytic_plan, beam_search, noise_of
+from snake_env.search import Budget, Plan, analytic_plan, beam_search, expand, noise_of
 from snake_env.simulation import advance
-from snake_env.state import SnakeState
+from snake_env.state import SnakeState, StateBatch
 from snake_env.value import PhaseValue, load_value
 
 FIRST_WIDTH = 8
-COLUMNS = ("task", "intervals", "time_s", "cost", "rollouts", "width", "modes")
+COLUMNS = (
+    "task",
+    "intervals",
+    "time_s",
+    "cost",
+    "rollouts",
+    "width",
+    "impossible",
+    "phase",
+    "modes",
+)
 """Columns of a table of plans: a task without a plan has no intervals, time, cost and modes.
 
 ``rollouts`` and ``width`` tell how hard it was tried: model roll-outs, and the widest search.
+``impossible`` is 1 where every way was followed to its deadlock: no choice of modes solves the task.
+``phase`` is the furthest phase that any of them reaches, where it is impossible.
 """
 
 Row = dict[str, Any]
@@ -56,11 +70,43 @@ def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Pl
     return Plan(modes, states, cost) if state.done else None
 
 
+def dead_end(state: SnakeState, params: SnakeParams, budget: Budget) -> int | None:
+    """The furthest phase that can be reached, if no way leads to the target.
+
+    Every way is followed; states are merged only where they are equal to the bit, so this is a proof.
+
+    Returns:
+        None where a way reaches the target, or where the budget does not suffice.
+    """
+    beam, furthest = StateBatch.stack([state]), state.phase
+    seen: set[bytes] = set()
+    while len(beam):
+        if budget.exhausted:
+            return None
+        tree = expand(beam, params)
+        budget.spend(tree.rollouts)
+        furthest = max(furthest, int(tree.states.phase.max(initial=0)))
+        if furthest > params.n_joints:
+            return None
+        new = []
+        cam = np.minimum(tree.states.phase_time, params.cam_time)  # the curve is constant after it
+        for k, key in enumerate(
+            np.column_stack([tree.states.phi, tree.states.w, tree.states.ref_start, cam])
+        ):
+            mark = key.tobytes() + bytes([int(tree.states.phase[k])])
+            if mark not in seen:
+                seen.add(mark)
+                new.append(k)
+        beam = tree.states.take(new)
+    return furthest
+
+
 def solve(problem: Problem) -> Row:
     """Searches for the shortest plan: (21), then beams, each twice as wide as the one before.
 
     Widths double until the budget is spent. Every width is tried with the learned value and, as long as
-    there is no plan, with the phases left instead and with perturbed values.
+    there is no plan, with the phases left instead and with perturbed values. Where there is no plan
+    yet, a tenth of the budget goes to the attempt to prove that there is none.
     """
     params, state = problem.params, problem.state
     budget = Budget(rollouts=problem.rollouts)
@@ -68,15 +114,19 @@ def solve(problem: Problem) -> Row:
     greedy = analytic_plan(state, params, params.horizon, budget)
     if greedy is not None and greedy.better_than(plan):
         plan = greedy
+    furthest = None
+    if plan is None:
+        proof = Budget(rollouts=problem.rollouts // 10)
+        furthest = dead_end(state, params, proof)
+        budget.spend(proof.spent)
     value, phases, noise = load_value(params), PhaseValue(params), noise_of(problem.task)
     width = FIRST_WIDTH
-    while not budget.exhausted:
+    while furthest is None and not budget.exhausted:
         for rank, random in ((value, None), (phases, None), (value, noise), (phases, noise)):
-            longest = params.horizon if plan is None else len(plan)
             found = beam_search(
                 *(state, rank, params),
                 width=width,
-                longest=longest,
+                longest=params.horizon if plan is None else len(plan),
                 budget=budget,
                 noise=random,
             )
@@ -91,6 +141,8 @@ def solve(problem: Problem) -> Row:
         "time_s": "" if plan is None else len(plan) * params.delta_t,
         "cost": "" if plan is None else round(plan.cost, 6),
         "rollouts": budget.spent,
-        "width": width // 2 if width > FIRST_WIDTH else 0,
+        "width": width // 2,
+        "impossible": int(furthest is not None),
+        "phase": "" if furthest is None else furthest,
         "modes": "" if plan is None else " ".join(map(str, plan.modes)),
     }

@@ -32,7 +32,9 @@ class Options:
         tyro.conf.Positional,
         tyro.conf.arg(metavar="POLICY...", help_behavior_hint=""),
     ]
-    """analytic, analytic-14, first-feasible, random or skid (all joints at once, wheels skidding)."""
+    """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
+    joints at once, wheels skidding), or model files; +shield after one checks its choices; options
+    follow a colon: lookahead:width=16."""
     tasks: str = "paper-500"
     """paper-500, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and target of shape (N, n)."""
     preset: str = "paper"

@@ -1,5 +1,6 @@
 """Task suites: streams of their own, frozen suites, files, and what is refused."""
 
+import functools
 import hashlib
 import pickle
 import zipfile
@@ -9,14 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from snake_env import tasks
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.kinematics import d_min
 from snake_env.params import SnakeParams
-from snake_env.tasks import TaskSuite, load_tasks, random_suite
+from snake_env.tasks import FROZEN, SUITES, TaskSuite, load_tasks, random_suite
 from tests.conftest import PAPER
 
 GOOD = np.linspace(-0.3, 0.3, 24).reshape(3, 8)
-PAPER_500 = "c92640e23d6ab761f44a2d7535b69d5f96d0e4848b086fcc486306764963e650"
+DIGESTS = {  # of the angles in units of 1e-9 rad: no machine's last digit matters
+    "paper-500": "c92640e23d6ab761f44a2d7535b69d5f96d0e4848b086fcc486306764963e650",
+    "validation-2k": "1c8aa7a840110093f65169dbb6700a48c92089d853dbb6abaf9d259d6dd96fc7",
+    "test-10k": "f3f03f4768e3e8b53644e29a6a2e55739b181e419f9755a87b4861fa5ee3a609",
+}
 
 
 def _same(a: TaskSuite, b: TaskSuite) -> bool:
@@ -35,12 +41,68 @@ def test_sim_1__needs_eight_joints() -> None:
         load_tasks("sim-1", SnakeParams(n_joints=6))
 
 
-def test_paper_500__is_frozen() -> None:
-    suite = load_tasks("paper-500", PAPER)
-    assert _same(suite, load_tasks("random:500:0", PAPER))
-    assert suite.phi0.shape == suite.target.shape == (500, 8)
+@functools.cache
+def _frozen(name: str) -> TaskSuite:
+    return load_tasks(name, PAPER)
+
+
+@pytest.mark.parametrize(
+    ("name", "same"),
+    [
+        ("paper-500", "random:500:0"),
+        ("validation-2k", "random:2000:7002000"),
+        ("test-10k", "random:10000:7010000"),
+    ],
+)
+def test_frozen_suite__never_changes(name: str, same: str) -> None:
+    suite = _frozen(name)
+    assert suite.name == name
+    assert _same(suite, load_tasks(same, PAPER))
     rounded = np.rint(np.stack([suite.phi0, suite.target]) * 1e9).astype("<i8")
-    assert hashlib.sha256(rounded.tobytes()).hexdigest() == PAPER_500
+    assert hashlib.sha256(rounded.tobytes()).hexdigest() == DIGESTS[name]
+    assert DIGESTS.keys() == FROZEN.keys() < SUITES.keys()
+
+
+def test_frozen_suites__share_no_shape() -> None:
+    shapes = np.concatenate([part for name in FROZEN for part in _shapes(_frozen(name))])
+    assert shapes.shape == (2 * 12_500, 8)
+    assert len(np.unique(shapes, axis=0)) == 2 * 12_500
+    assert len(np.unique(shapes[:, 0])) == 2 * 12_500  # not even an angle
+
+
+def _shapes(suite: TaskSuite) -> tuple[np.ndarray, np.ndarray]:
+    return suite.phi0, suite.target
+
+
+@pytest.mark.parametrize("name", FROZEN)
+def test_frozen_suite__that_is_drawn_differently_is_refused(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count, seed, digest = FROZEN[name]
+    drawn = _frozen(name)
+
+    def random_suite(count: int, seed: int, params: SnakeParams, name: str) -> TaskSuite:
+        return TaskSuite(name, drawn.phi0, target)
+
+    monkeypatch.setattr(tasks, "random_suite", random_suite)
+    target = drawn.target.copy()
+    assert _same(load_tasks(name, PAPER), drawn)
+    target[count // 2, 3] = np.nextafter(target[count // 2, 3], 1.0)
+    message = rf"^numpy = '{np.__version__}': expected a version that draws the tasks of {name}$"
+    with pytest.raises(InvalidInputError, match=message):
+        load_tasks(name, PAPER)
+    target[:] = drawn.target
+    monkeypatch.setitem(FROZEN, name, (count, seed, digest[::-1]))
+    with pytest.raises(InvalidInputError, match=message):
+        load_tasks(name, PAPER)
+
+
+@pytest.mark.parametrize("params", [SnakeParams(n_joints=6), SnakeParams(phi_limit=1.2)])
+def test_frozen_suite__exists_for_other_robots_too(params: SnakeParams) -> None:
+    suite = load_tasks("paper-500", params)
+    assert suite.phi0.shape == (500, params.n_joints)
+    assert _same(suite, load_tasks("random:500:0", params))
+    assert np.abs(suite.phi0).max() <= params.phi_limit
 
 
 def test_random_task__is_the_same_in_suites_of_any_size() -> None:

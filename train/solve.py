@@ -114,7 +114,12 @@ def train(options: Options, console: Console) -> None:
     )
     for row in rows.values():
         if row["time_s"] == "":
-            console.print(f"task {row['task']}: no plan in {row['rollouts']} roll-outs")
+            verdict = (
+                f"impossible: every way deadlocks in phase {row['phase']} at the latest"
+                if row["impossible"]
+                else f"no plan in {row['rollouts']} roll-outs"
+            )
+            console.print(f"task {row['task']}: {verdict}")
 
 
 def _known(path: Path | None, count: int) -> list[tuple[int, ...]]:
