@@ -149,8 +149,13 @@ class RunFolder:
 
 
 def command() -> str:
-    """The command line that this process was started with."""
-    return "python -m train " + shlex.join(sys.argv[1:])
+    """The command line that this process was started with, but for where its results go."""
+    words = sys.argv[1:]
+    for k, word in enumerate(words):
+        if word == "--out":
+            words = words[:k] + words[k + 2 :]
+            break
+    return "python -m train " + shlex.join(words)
 
 
 def _version(name: str) -> str | None:
