@@ -46,6 +46,7 @@ check: .venv/.dev ## format, lint, types
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m evaluate.bench
 	@$(RUN) -m evaluate.bench_vector
+	@$(RUN) -m train.bench
 
 docs: .venv/.dev ## the documentation, in build/site/
 	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet

@@ -141,7 +141,7 @@ def solve(problem: Problem) -> Row:
         "time_s": "" if plan is None else len(plan) * params.delta_t,
         "cost": "" if plan is None else round(plan.cost, 6),
         "rollouts": budget.spent,
-        "width": width // 2,
+        "width": width // 2 if width > FIRST_WIDTH else 0,
         "impossible": int(furthest is not None),
         "phase": "" if furthest is None else furthest,
         "modes": "" if plan is None else " ".join(map(str, plan.modes)),

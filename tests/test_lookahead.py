@@ -133,7 +133,11 @@ def test_lookahead__does_not_mind_the_time_that_has_passed() -> None:
 
 def test_lookahead__plans_anew_in_another_episode() -> None:
     policy, fresh = _planner(), _planner()
-    policy.select_mode(_start(0))
+    state, _ = advance(_start(0), policy.select_mode(_start(0)), PAPER)
+    spent = policy.rollouts
+    policy.reset()
+    policy.select_mode(state)
+    assert policy.rollouts > spent  # although the old plan leads through this state
     policy.reset()
     assert policy.select_mode(_start(1)) == fresh.select_mode(_start(1))
     assert policy.select_mode(_start(2)) == _planner().select_mode(_start(2))  # even without
@@ -153,6 +157,7 @@ def test_lookahead__is_deterministic_without_a_deadline() -> None:
         return modes, policy.rollouts
 
     assert play(0) == play(0) == play(None)
+    assert play(1) != play(0)
 
 
 def test_lookahead__gives_an_episode_up_that_has_no_plan() -> None:

@@ -222,28 +222,34 @@ def test_beam__follows_the_value() -> None:
         assert plan.modes[0] == wanted
 
 
-def test_beam__with_a_depth_follows_each_state_to_its_own_end() -> None:
-    start, width = _start(0), 5
-    widths: list[int] = []
+def test_beam__with_a_depth_follows_each_state_to_its_own_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    trees: list[module.Expansion] = []
+    beams: list[StateBatch] = []
 
-    def value(states: StateBatch) -> FloatArray:
-        widths.append(len(np.unique(states.phi, axis=0)))
-        return PhaseValue(PAPER)(states)
+    def noting(states: StateBatch, params: SnakeParams) -> module.Expansion:
+        beams.append(states)
+        trees.append(expand(states, params))
+        return trees[-1]
 
-    asked: list[int] = []
-    original = module.expand
-
-    def counting(states: StateBatch, params: SnakeParams) -> module.Expansion:
-        asked.append(len(states))
-        return original(states, params)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "expand", counting)
-        plan = beam_search(start, value, PAPER, width=width, longest=40, budget=Budget(), depth=2)
+    monkeypatch.setattr(module, "expand", noting)
+    plan = beam_search(
+        _start(0), PhaseValue(PAPER), PAPER, width=5, longest=40, budget=Budget(), depth=2
+    )
     assert plan is not None
-    assert asked[:3] == [1, width, width]
-    assert asked[3:] == sorted(asked[3:], reverse=True)  # they no longer multiply, some may end
-    assert len(asked) == len(plan)
+    assert len(beams) == len(plan)
+    assert [len(beam) for beam in beams[:3]] == [1, 5, 5]
+    parents = []
+    for tree, beam in zip(trees, beams[1:], strict=False):
+        at = [np.flatnonzero((tree.states.phi == phi).all(axis=1))[0] for phi in beam.phi]
+        parents.append(tree.parent[at].tolist())
+        for k, state in zip(at, tree.parent[at], strict=True):  # the best of its own
+            own = tree.states.take(np.flatnonzero(tree.parent == state))
+            ranks = PhaseValue(PAPER)(own)
+            assert PhaseValue(PAPER)(tree.states)[k] == ranks.min() or len(parents) <= 2
+    assert len(set(parents[1])) < 5  # they still compete
+    assert all(len(set(each)) == len(each) for each in parents[2:])
 
 
 def _counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
@@ -347,6 +353,21 @@ def test_search__is_never_worse_than_21(
         assert plan is not None
         assert not greedy.better_than(plan)
         _assert_comes_true(plan, start, PAPER)
+
+
+def test_search__keeps_the_cheaper_of_equally_short_plans() -> None:
+    states, _, _ = run_episode(_start(0, seed=1), PAPER)
+    costlier = 0
+    for start in states[7:13]:
+        greedy = analytic_plan(start, PAPER, 100, Budget())
+        assert greedy is not None
+        value, longest = PhaseValue(PAPER), len(greedy)
+        beam = beam_search(start, value, PAPER, width=1, longest=longest, budget=Budget())
+        costlier += beam is not None and greedy.better_than(beam)
+        plan = search(start, value, PAPER, width=1, budget=Budget())
+        assert plan is not None
+        assert not greedy.better_than(plan)
+    assert costlier >= 3
 
 
 def test_search__shortens_most_plans_of_21() -> None:

@@ -560,6 +560,16 @@ def test_value__learns_a_network_that_can_be_used(learned: Path) -> None:
         assert 0.0 < float(row["fit_error"]) < 30.0
 
 
+def test_value__plays_other_tasks_in_each_generation(learned: Path) -> None:
+    targets = []
+    for generation in range(2):
+        with np.load(learned / f"returns-{generation}.npz") as file:
+            assert file["observations"].shape == (len(file["intervals"]), observation_size(5))
+            targets.append({row.tobytes() for row in file["observations"][:, 5:10]})
+    assert all(10 <= len(each) <= 40 for each in targets)
+    assert not targets[0] & targets[1]
+
+
 def test_value__writes_down_how_it_was_made(learned: Path) -> None:
     about = json.loads((learned / "run.json").read_text())
     assert about["schema"] == 1

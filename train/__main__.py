@@ -9,8 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from evaluate.engine import WorkerLostError
-from evaluate.options import parse
 from snake_env.errors import SnakeEnvError, UnknownNameError
+from train.config import parse_with_file
 
 COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
@@ -34,7 +34,7 @@ def main(args: list[str] | None = None) -> int:
         if words[0] not in COMMANDS:
             raise UnknownNameError("command", words[0], COMMANDS)
         module: Any = importlib.import_module(f"train.{words[0]}")
-        options = parse(module.Options, f"python -m train {words[0]}", words[1:])
+        options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
         console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
         module.train(options, console)
     except WorkerLostError as error:
