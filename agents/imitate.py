@@ -24,9 +24,6 @@ from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 
-VIOLATION = 10.0
-"""Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
-
 
 @dataclass(frozen=True)
 class Fit:
@@ -44,10 +41,12 @@ class Fit:
     """Of the soft minimum [intervals]."""
     cross_entropy: float = 0.3
     """Weight of the cross-entropy beside the expected regret."""
+    violation: float = 30.0
+    """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
-        check_positive(self, "epochs", "batch_size", "learning_rate", "temperature")
+        check_positive(self, "epochs", "batch_size", "learning_rate", "temperature", "violation")
         check_hidden(self.hidden)
 
 
@@ -57,18 +56,24 @@ class Lessons:
 
     Attributes:
         observations: Shape (N, observation_size).
-        regret: Shape (N, n_modes) [intervals]; negative where a mode can't be chosen at all.
+        regret: What each mode costs more than the best, shape (N, n_modes) [intervals]; negative where a mode can't be chosen at all.
     """
 
     observations: NDArray[np.float32]
     regret: NDArray[np.float16]
 
 
-def lessons(decisions: Decisions, params: SnakeParams) -> Lessons:
-    """The lessons in decisions; those without a feasible mode teach nothing."""
+def lessons(decisions: Decisions, violation: float, params: SnakeParams) -> Lessons:
+    """The lessons in decisions; those without a feasible mode teach nothing.
+
+    Args:
+        decisions: States and what every mode costs.
+        violation: Regret of an infeasible mode, and the largest of a feasible one [intervals].
+        params: The constants.
+    """
     chosen = decisions.take(np.flatnonzero(decisions.feasible.any(axis=1)))
     regret = chosen.cost_to_go - chosen.cost_to_go.min(axis=1, keepdims=True)
-    regret = np.where(chosen.mask, np.minimum(regret, VIOLATION), -1.0)
+    regret = np.where(chosen.mask, np.minimum(regret, violation), -1.0)
     return Lessons(observe(chosen.states, params), regret.astype(np.float16))
 
 
@@ -118,7 +123,8 @@ def fit(
             log_policy = torch.log_softmax(logits, dim=1)
             policy = log_policy.exp()
             wanted = torch.softmax(
-                (-costs / how.temperature).masked_fill(closed | (costs >= VIOLATION), -1e9), dim=1
+                (-costs / how.temperature).masked_fill(closed | (costs >= how.violation), -1e9),
+                dim=1,
             )
             expected = (policy * costs.clamp(min=0.0)).sum(dim=1).mean()
             loss = expected - how.cross_entropy * (wanted * log_policy).sum(dim=1).mean()
@@ -127,5 +133,7 @@ def fit(
             optimizer.step()
             preferred = costs.gather(1, logits.argmax(dim=1, keepdim=True))
             figures["regret"] += float(preferred.mean()) / len(batches)
-            figures["infeasible"] += float((preferred >= VIOLATION).float().mean()) / len(batches)
+            figures["infeasible"] += float((preferred >= how.violation).float().mean()) / len(
+                batches
+            )
     return to_numpy(linear_layers(module)), figures

@@ -54,7 +54,7 @@ class Expansion:
 
     Attributes:
         parent: Which of the states, in rising order, shape (M,).
-        mode: Its feasible modes, in rising order, shape (M,).
+        mode: Its modes that can be executed, in rising order, shape (M,).
         states: Where they lead.
         cost: Integrals of V, shape (M,) [s].
         rollouts: Modes that were predicted, feasible or not.
@@ -68,13 +68,13 @@ class Expansion:
 
 
 def expand(states: StateBatch, params: SnakeParams) -> Expansion:
-    """Predicts every valid mode of every state and keeps the feasible ones."""
+    """Predicts every valid mode of every state; keeps the feasible ones that let no links touch."""
     masks = mode_table(params.n_joints).masks(states.phase)
     parent, mode = np.nonzero(masks)
     begun = states.take(parent)
     prediction = predict_batch(begun, mode, params)
     ended = successors(begun, mode, prediction, params)
-    kept = np.flatnonzero(prediction.feasible)
+    kept = np.flatnonzero(prediction.feasible & (prediction.d_min >= params.d_touch))
     return Expansion(
         parent[kept], mode[kept], ended.take(kept), prediction.cost[kept], rollouts=len(mode)
     )

@@ -5,16 +5,18 @@ import itertools
 import pytest
 
 from agents import best_known as module
-from agents.best_known import COLUMNS, FIRST_WIDTH, Problem, Row, replay, solve
+from agents.best_known import COLUMNS, FIRST_WIDTH, Problem, Row, dead_end, replay, solve
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.search import Budget, Plan, analytic_plan
+from snake_env.search import Budget, Plan, analytic_plan, beam_search, search
 from snake_env.simulation import advance, predict
 from snake_env.state import SnakeState
 from snake_env.tasks import load_tasks, random_suite
+from snake_env.value import PhaseValue
 from tests.conftest import PAPER, random_state, same_state, sim_1_episode
 
 NARROW = SnakeParams.preset("narrow")
+BLOCKED = random_state(1, NARROW, 7)  # no mode is feasible
 
 
 def _problem(task: int = 0, rollouts: int = 20_000, known: tuple[int, ...] = ()) -> Problem:
@@ -128,37 +130,103 @@ def test_solve__with_little_more_tells_the_width() -> None:
     assert row["width"] == FIRST_WIDTH
 
 
-def test_solve__ends_where_nothing_is_feasible() -> None:
-    state = random_state(1, NARROW, 7)
-    row = solve(Problem(0, state, (), 2_000, NARROW))
-    assert row["intervals"] == ""
-    assert row["rollouts"] >= 2_000
+def test_solve__says_that_a_task_is_impossible() -> None:
+    row = solve(Problem(5, BLOCKED, (), 2_000, NARROW))
+    assert row == {
+        "task": 5, "intervals": "", "time_s": "", "cost": "", "rollouts": 4, "width": 0,
+        "impossible": 1, "phase": 7, "modes": "",
+    }  # fmt: skip
 
 
 def test_solve__tries_noise_and_another_value_where_there_is_no_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     tried: list[tuple[str, bool, int]] = []
-    original = module.beam_search
 
-    def noting(state, value, params, *, width, noise, **options):
+    def nothing(state, value, params, *, width, longest, noise, budget) -> None:
+        assert longest == params.horizon
         tried.append((type(value).__name__, noise is not None, width))
-        return original(state, value, params, width=width, noise=noise, **options)
+        budget.spend(100)
 
     class Learned(module.PhaseValue):
         """Stands for a trained network."""
 
-    monkeypatch.setattr(module, "beam_search", noting)
+    monkeypatch.setattr(module, "analytic_plan", lambda *_: None)
+    monkeypatch.setattr(module, "dead_end", lambda *_: None)
+    monkeypatch.setattr(module, "beam_search", nothing)
     monkeypatch.setattr(module, "load_value", Learned)
-    state = random_state(1, NARROW, 7)
-    solve(Problem(0, state, (), 2 + 2 * 8, NARROW))
+    row = solve(_problem(rollouts=701))
     four = [(value, noise) for noise in (False, True) for value in ("Learned", "PhaseValue")]
     assert tried == [(*each, width) for width in (8, 16) for each in four]
-    tried.clear()
-    solve(_problem(rollouts=20_000))  # (21) finds a plan
-    assert {(value, noise) for value, noise, _ in tried} == {("Learned", False)}
-    widths = [width for _, _, width in tried]
+    assert (row["rollouts"], row["width"], row["impossible"]) == (800, 16, 0)
+
+
+def test_solve__tries_the_value_alone_where_there_is_a_plan(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    widths = []
+
+    def noting(*arguments, width, noise, **options):
+        assert noise is None
+        widths.append(width)
+        return beam_search(*arguments, width=width, noise=noise, **options)
+
+    monkeypatch.setattr(module, "beam_search", noting)
+    row = solve(_problem(rollouts=20_000))
+    assert len(widths) > 1
     assert widths == [8 * 2**k for k in range(len(widths))]
+    assert row["width"] == widths[-1]
+
+
+def test_dead_end__is_found_where_nothing_is_feasible() -> None:
+    budget = Budget()
+    assert dead_end(BLOCKED, NARROW, budget) == 7
+    assert budget.spent == 2
+
+
+def test_dead_end__is_none_where_there_is_a_way() -> None:
+    states, _, _ = sim_1_episode()
+    for state in states[:-1]:
+        assert dead_end(state, PAPER, Budget(rollouts=20_000)) is None
+
+
+def _reached(state: SnakeState, depth: int, params: SnakeParams) -> int:
+    """The furthest phase that any way leads to in so many intervals."""
+    if depth == 0 or state.done:
+        return state.phase
+    modes = mode_table(params.n_joints).valid(state.phase)
+    ways = modes[predict(state, modes, params).feasible]
+    after = [_reached(advance(state, int(mode), params)[0], depth - 1, params) for mode in ways]
+    return max([state.phase, *after])
+
+
+def test_dead_end__agrees_with_an_exhaustive_search() -> None:
+    verdicts = []
+    for seed in range(60):
+        state = random_state(seed, NARROW, 6 + seed % 3)
+        budget = Budget(rollouts=3_000)
+        furthest = dead_end(state, NARROW, budget)
+        reached = _reached(state, 4, NARROW)
+        if furthest is not None:
+            assert state.phase <= reached <= furthest <= 8
+        elif not budget.exhausted:
+            plan = search(state, PhaseValue(NARROW), NARROW, width=10**6, budget=Budget())
+            assert plan is not None
+        verdicts.append((furthest is None, furthest == state.phase, budget.exhausted))
+    seen = {verdict: verdicts.count(verdict) for verdict in set(verdicts)}
+    assert seen[True, False, False] >= 5  # there is a way
+    assert seen[False, True, False] >= 5  # nothing leads out of the phase
+    assert seen[False, False, False] >= 1  # something does, but not to the target
+
+
+def test_dead_end__is_not_claimed_when_the_budget_ends() -> None:
+    state = random_suite(1, 3, SnakeParams(n_joints=5)).initial(0, SnakeParams(n_joints=5))
+    whole = Budget()
+    furthest = dead_end(state, SnakeParams(n_joints=5), whole)
+    assert furthest is not None
+    less = Budget(rollouts=whole.spent // 2)
+    assert dead_end(state, SnakeParams(n_joints=5), less) is None
+    assert less.spent < whole.spent
 
 
 def test_solve__finds_a_way_where_21_finds_none() -> None:

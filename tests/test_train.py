@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import train.collect
 import train.value
@@ -34,6 +35,15 @@ QUICK = ("--set", "n_joints=5", "--workers", "1")
 SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
 COLLECT = ("collect", "--decisions", "400", "--seed", "3", *QUICK, "--out")  # 3 shards of 150
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    """Two threads of PyTorch come to a standstill where something else runs."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 def _run(*arguments: object) -> int:
@@ -184,9 +194,8 @@ def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert f"of 2 tasks solved: {tmp_path}/out/plans.csv\n" in done.stdout
     assert _names(tmp_path / "out") == {"plans.csv", "search.json"}
-    assert (
-        f"--out {tmp_path}/out" in json.loads((tmp_path / "out/search.json").read_text())["command"]
-    )
+    about = json.loads((tmp_path / "out" / "search.json").read_text())
+    assert about["command"].startswith("python -m train solve --tasks random:2:1 --budget 300")
     done = run("slove")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: unknown command 'slove': did you mean 'solve'?")

@@ -39,6 +39,8 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     fit: Fit = field(default_factory=Fit)
     validation: Validation = field(default_factory=Validation)
+    init: Path | None = None
+    """Model file to begin with; default: random weights."""
     rounds: int = 24
     """Rounds of playing and fitting."""
     decisions: int = 81_920
@@ -76,6 +78,7 @@ def train(options: Options, console: Console) -> Path:
         The best model's file.
     """
     params = options.check()
+    begun = None if options.init is None else read_model(options.init).network
     config = {
         **dataclasses.asdict(options.fit),
         **{
@@ -83,12 +86,13 @@ def train(options: Options, console: Console) -> Path:
             for key in ("rounds", "decisions", "window", "depth", "overweight")
         },
         **dataclasses.asdict(options.validation),
+        "init": None if options.init is None else str(options.init),
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
     folder = RunFolder(options.run, f"imitate-{options.robot.preset}", config)
     rows: list[dict[str, Any]] = list(folder.rows())
-    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else begun
     warm_up(params)
     for number in range(len(rows), options.rounds):
         label = f"round {number + 1} of {options.rounds}"
@@ -155,7 +159,7 @@ def _play(
     collected = []
     with progress(console, count * _PART, "decisions") as advance:
         for part, decisions in options.engine.map(collect, visits):
-            collected.append((part, lessons(decisions, params)))
+            collected.append((part, lessons(decisions, options.fit.violation, params)))
             advance(label, _PART)
     collected.sort(key=lambda pair: pair[0])
     np.savez(
