@@ -56,7 +56,8 @@ class Lessons:
 
     Attributes:
         observations: Shape (N, observation_size).
-        regret: What each mode costs more than the best, shape (N, n_modes) [intervals]; negative where a mode can't be chosen at all.
+        regret: What each mode costs more than the best, shape (N, n_modes) [intervals]; negative
+            where it can't be chosen at all.
     """
 
     observations: NDArray[np.float32]
