@@ -11,6 +11,7 @@ from rich.console import Console
 from evaluate.engine import WorkerLostError
 from snake_env.errors import SnakeEnvError, UnknownNameError
 from train.config import parse_with_file
+from train.run import begin
 
 COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
@@ -33,6 +34,7 @@ def main(args: list[str] | None = None) -> int:
             return 0 if words else 2
         if words[0] not in COMMANDS:
             raise UnknownNameError("command", words[0], COMMANDS)
+        begin(words)
         module: Any = importlib.import_module(f"train.{words[0]}")
         options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
         console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)

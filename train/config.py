@@ -33,11 +33,13 @@ def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
             raise InvalidInputError("config", "", "a YAML file")
         given = _read(Path(words[at + 1]))
         del words[at : at + 2]
+    if not given:
+        return parse(options, prog, words)
     default, used = _replace(options(), given)
     unknown = sorted(set(given) - used)
     if unknown:
-        raise UnknownNameError("option in the config", unknown[0], _names(options()))
-    return parse(options, prog, words, default if given else None)
+        raise UnknownNameError("option in the config", unknown[0], _names(default))
+    return parse(options, prog, words, default)
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def train(options: Options, console: Console) -> None:
         raise InvalidInputError("run", str(options.run), "a run that has a model already")
     model = read_model(file)
     params = about["config"]["params"]
-    name = options.name or _name(about["command"].split()[3], params)
+    name = options.name or _name(about["algorithm"], params)
     made = {**model.made, "git": about["git"], "versions": about["versions"]}
     path = options.into / f"{name}.safetensors"
     write_model(path, dataclasses.replace(model, made=made))

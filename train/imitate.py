@@ -90,7 +90,7 @@ def train(options: Options, console: Console) -> Path:
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(options.run, f"imitate-{options.robot.preset}", config)
+    folder = RunFolder(options.run, "imitate", options.robot, config)
     rows: list[dict[str, Any]] = list(folder.rows())
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else begun
     warm_up(params)

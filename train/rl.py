@@ -119,7 +119,7 @@ def train(
         "seed": run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(run, f"{name}-{robot.preset}", config)
+    folder = RunFolder(run, name, robot, config)
     torch.set_num_threads(1)
     warm_up(params)
     env = SnakeVecEnv(

@@ -9,8 +9,7 @@ import os
 import platform
 import shlex
 import subprocess
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -76,15 +75,17 @@ class RunFolder:
 
     Args:
         run: Where it is kept.
-        name: Its name where ``run`` does not say.
+        algorithm: What learns.
+        robot: The robot; with the algorithm and the seed it names the folder where ``run`` does not.
         config: What decides the result; a resumed run must have the same.
 
     Raises:
         InvalidInputError: The folder can't be used, or holds another run.
     """
 
-    def __init__(self, run: Run, name: str, config: dict[str, Any]) -> None:
-        self.path = run.folder(name)
+    def __init__(self, run: Run, algorithm: str, robot: Robot, config: dict[str, Any]) -> None:
+        self.path = run.folder(f"{algorithm}-{robot.preset}")
+        self._algorithm = algorithm
         self.config = json.loads(json.dumps(config, default=str))
         self._log = self.path / "log.csv"
         file = self.path / "run.json"
@@ -121,6 +122,7 @@ class RunFolder:
     def _about(self) -> dict[str, Any]:
         return {
             "schema": SCHEMA,
+            "algorithm": self._algorithm,
             "command": command(),
             "config": self.config,
             "git": _git_revision(),
@@ -148,13 +150,20 @@ class RunFolder:
         write_atomically(self._log, text.getvalue())
 
 
+_words: list[str] = []
+
+
+def begin(words: Sequence[str]) -> None:
+    """Takes note of the command line, for the records."""
+    _words[:] = words
+
+
 def command() -> str:
-    """The command line that this process was started with, but for where its results go."""
-    words = sys.argv[1:]
-    for k, word in enumerate(words):
-        if word == "--out":
-            words = words[:k] + words[k + 2 :]
-            break
+    """The command line, but for where its results go."""
+    words = list(_words)
+    if "--out" in words:
+        at = words.index("--out")
+        del words[at : at + 2]
     return "python -m train " + shlex.join(words)
 
 

@@ -62,14 +62,13 @@ def train(options: Options, console: Console) -> Path:
         The model's file.
     """
     params = options.check()
-    name = f"value-{options.robot.preset}"
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in ("generations", "episodes", "window")},
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(options.run, name, config)
+    folder = RunFolder(options.run, "value", options.robot, config)
     file = folder.path / "value.safetensors"
     rows = list(folder.rows())
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None

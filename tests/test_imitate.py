@@ -1,0 +1,169 @@
+"""Imitation of a teacher's costs, and what becomes of its models."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.imitate import Fit, fit, lessons
+from agents.teacher import Decisions, judge
+from snake_env import SnakeParams, load_policy
+from snake_env.model_file import read_model
+from snake_env.network import Network
+from snake_env.observation import observe
+from snake_env.state import StateBatch
+from snake_env.tasks import load_tasks
+from train.__main__ import main
+
+PARAMS = SnakeParams()
+SMALL = (
+    "--rounds 2 --decisions 2048 --hidden 24 --epochs 2 --validation-tasks 6 --workers 1 --seed 5"
+)
+
+
+@pytest.fixture(scope="module")
+def decisions() -> Decisions:
+    suite = load_tasks("random:24:8", PARAMS)
+    states = StateBatch.initial(suite.phi0, suite.target, PARAMS)
+    return judge(states, "lookahead", PARAMS)
+
+
+def test_lessons__are_regrets_of_what_the_mask_allows(decisions: Decisions) -> None:
+    lesson = lessons(decisions, 30.0, PARAMS)
+    for k in range(len(lesson.regret)):
+        cost, regret = decisions.cost_to_go[k], lesson.regret[k].astype(np.float64)
+        mask, feasible = decisions.mask[k], decisions.feasible[k]
+        assert (regret[~mask] == -1.0).all()
+        assert (regret[mask & ~feasible] == 30.0).all()
+        wanted = cost[mask & feasible] - cost[feasible].min()
+        np.testing.assert_allclose(regret[mask & feasible], np.minimum(wanted, 30.0), atol=0.01)
+        assert regret[mask].min() == 0.0
+    np.testing.assert_array_equal(lesson.observations, observe(decisions.states, PARAMS))
+
+
+def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
+    stuck = Decisions(
+        decisions.states,
+        decisions.mask,
+        decisions.feasible & (np.arange(24) != 7)[:, None],
+        np.where((np.arange(24) != 7)[:, None], decisions.cost_to_go, np.float32(np.inf)),
+    )
+    assert len(lessons(stuck, 30.0, PARAMS).regret) == 23
+
+
+def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> None:
+    lesson = lessons(decisions, 30.0, PARAMS)
+    how = Fit(hidden=(64,), epochs=1, batch_size=24)
+    first, before = fit(None, [lesson], how, 1e-3, 8, seed=0)
+    network: Network = first
+    for seed in range(60):
+        network, after = fit(network, [lesson], how, 3e-3, 8, seed=seed)
+    assert after["regret"] < 0.2 * before["regret"]
+    again, _ = fit(None, [lesson], how, 1e-3, 8, seed=0)
+    np.testing.assert_array_equal(again.weights[0], first.weights[0])  # the seed decides
+
+
+def log(run: Path) -> list[dict[str, str]]:
+    with (run / "log.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("imitate") / "run"
+    assert main(["imitate", *SMALL.split(), "--out", str(out)]) == 0
+    return out
+
+
+def test_imitate__beats_random_choices(run: Path) -> None:
+    assert len(log(run)) == 2
+    assert all(float(row["raw_rollouts"]) == 0.0 for row in log(run))
+    assert float(log(run)[-1]["shielded_success"]) > 0.34  # random ones that are stable: 34 %
+    assert load_policy(run / "best.safetensors").rollouts == 0
+
+
+def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import train.imitate
+
+    real, rounds = train.imitate._play, []
+
+    def dying(options: object, number: int, *rest: object) -> None:
+        rounds.append(number)
+        if len(rounds) == 2:
+            raise KeyboardInterrupt
+        real(options, number, *rest)
+
+    out = tmp_path / "run"
+    words = ["imitate", *SMALL.split(), "--out", str(out)]
+    monkeypatch.setattr(train.imitate, "_play", dying)
+    assert main(words) == 130
+    assert len(log(out)) == 1
+    assert main([*words, "--resume"]) == 0
+    assert rounds == [0, 1, 1]
+    assert log(out) == log(run)
+    one, other = (read_model(r / "best.safetensors").network for r in (out, run))
+    for a, b in zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> None:
+    assert main(["export", str(run), "--into", str(tmp_path)]) == 0
+    model = read_model(tmp_path / "imitate.safetensors")
+    np.testing.assert_array_equal(
+        model.network.weights[0], read_model(run / "best.safetensors").network.weights[0]
+    )
+    card = (tmp_path / "imitate.md").read_text()
+    assert "python -m train imitate --rounds 2" in card
+    assert "| seed | 5 |" in card
+    assert f"raw {float(log(run)[0]['raw_success']):.1%}" in card or "raw" in card
+    manifest = (tmp_path / "imitate.json").read_text()
+    assert str(tmp_path) not in manifest  # the results' folder is nobody's business
+    assert json.loads(manifest)["made"]["versions"]["torch"]
+
+
+def test_export__refuses_what_is_no_finished_run(
+    run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(tmp_path)]) == 2
+    assert "the folder of a run" in capfd.readouterr().err
+    (tmp_path / "run.json").write_text((run / "run.json").read_text())
+    assert main(["export", str(tmp_path)]) == 2
+    assert "a run that has a model" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "hint"),
+    [
+        ("round: 3", "did you mean 'rounds'"),
+        ("rounds: many", "rounds = 'many': expected a value of type int"),
+        ("- rounds", "a mapping of options"),
+        ("rounds: [", "a YAML file"),
+        ("rounds: 0", "rounds = 0: expected a positive"),
+    ],
+)
+def test_config__with_nonsense_is_refused(
+    content: str, hint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text(content)
+    assert main(["imitate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
+    err = capfd.readouterr().err
+    assert hint in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_config__stands_between_defaults_and_flags(tmp_path: Path) -> None:
+    from train.config import parse_with_file
+    from train.imitate import Options
+
+    file = tmp_path / "my.yaml"
+    file.write_text("rounds: 7\nhidden: [5, 6]\ntemperature: 1\nseed: 3\ninit: a.safetensors\n")
+    options = parse_with_file(Options, "imitate", ["--config", str(file), "--seed", "4"])
+    assert (options.rounds, options.fit.hidden, options.fit.temperature) == (7, (5, 6), 1.0)
+    assert (options.run.seed, options.init) == (4, Path("a.safetensors"))
+    assert options.window == Options().window
