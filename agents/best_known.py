@@ -14,7 +14,7 @@ from snake_env.simulation import advance
 from snake_env.state import SnakeState, StateBatch
 from snake_env.value import PhaseValue, load_value
 
-FIRST_WIDTH = 8
+FIRST_WIDTH, LAST_WIDTH = 8, 65_536
 COLUMNS = (
     "task",
     "intervals",
@@ -121,7 +121,7 @@ def solve(problem: Problem) -> Row:
         budget.spend(proof.spent)
     value, phases, noise = load_value(params), PhaseValue(params), noise_of(problem.task)
     width = FIRST_WIDTH
-    while furthest is None and not budget.exhausted:
+    while furthest is None and not budget.exhausted and width <= LAST_WIDTH:
         for rank, random in ((value, None), (phases, None), (value, noise), (phases, noise)):
             found = beam_search(
                 *(state, rank, params),

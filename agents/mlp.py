@@ -31,7 +31,14 @@ def linear_layers(modules: Iterable[nn.Module]) -> list[nn.Linear]:
 
 
 def to_numpy(layers: Sequence[nn.Linear]) -> Network:
-    """Linear layers as a network, copied."""
+    """Linear layers as a network, copied.
+
+    Raises:
+        InvalidInputError: Training has diverged.
+    """
+    for layer in layers:
+        if not all(torch.isfinite(part).all() for part in (layer.weight, layer.bias)):
+            raise InvalidInputError("learning_rate", "it", "a smaller one: the network diverged")
     return Network(
         weights=[
             np.ascontiguousarray(layer.weight.detach().cpu().numpy().T, dtype=np.float32)

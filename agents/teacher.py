@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from snake_env.episode import STILL
 from snake_env.masks import action_masks
 from snake_env.modes import mode_table
 from snake_env.network import Network
@@ -23,7 +24,7 @@ from snake_env.value import ValueFunction, load_value
 
 Teacher = Literal["lookahead", "analytic"]
 FAILURE = 30.0
-"""Cost-to-go of a mode from whose end the target is not reached [intervals]."""
+"""What a mode costs from whose end the target is not reached, beside the mode itself [intervals]."""
 FEW = 3
 """A state with at most so many feasible modes is near a deadlock."""
 STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
@@ -157,7 +158,8 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
     wave, missing = 0, shard.decisions
     while missing > 0:
         stream = np.random.SeedSequence(shard.seed, spawn_key=(shard.part, wave, 0))
-        for decisions in _episodes(shard, np.random.default_rng(stream)):
+        count = min(_SIDE_BY_SIDE, max(1, missing // 10))  # so that few are cut short
+        for decisions in _episodes(shard, count, np.random.default_rng(stream)):
             kept.append(decisions.take(np.arange(min(missing, len(decisions)))))
             missing -= len(kept[-1])
             if missing == 0:
@@ -169,13 +171,16 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
     return shard.part, decisions
 
 
-def _episodes(shard: Visit, rng: np.random.Generator) -> Iterator[Decisions]:
-    """The decisions of some episodes that are played side by side, interval by interval."""
+def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[Decisions]:
+    """The decisions of some episodes that are played side by side, interval by interval.
+
+    Robots that come to stand still have nothing more to teach.
+    """
     params = shard.params
-    phi0, target = random_tasks(rng.spawn(_SIDE_BY_SIDE), params)
+    phi0, target = random_tasks(rng.spawn(count), params)
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
-    scale = np.maximum(rng.uniform(-1.0, 1.0, _SIDE_BY_SIDE), 0.0) * _NOISE
+    scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
     choices = mode_table(params.n_joints).masks(np.arange(1, params.n_joints + 2)).sum(axis=1)
     for _ in range(_LONGEST):
         decisions = judge(states, shard.teacher, params, shard.depth)
@@ -186,8 +191,10 @@ def _episodes(shard: Visit, rng: np.random.Generator) -> Iterator[Decisions]:
         yield decisions.take(np.flatnonzero(wanted & (valid > 1)))
         chosen = _choose(decisions, shard.student, scale, rng, params)
         going = np.flatnonzero(feasible > 0)
-        states, _ = advance_batch(states.take(going), chosen[going], params)
-        open_ = np.flatnonzero(states.phase <= params.n_joints)
+        before = states.take(going)
+        states, _ = advance_batch(before, chosen[going], params)
+        moved = np.abs(states.phi - before.phi).max(axis=1, initial=0.0) >= STILL
+        open_ = np.flatnonzero(moved & (states.phase <= params.n_joints))
         states, scale = states.take(open_), scale[going][open_]
         if len(states) == 0:
             return

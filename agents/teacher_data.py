@@ -14,6 +14,7 @@ import numpy as np
 
 from agents.teacher import STATE_FIELDS, Decisions
 from snake_env.errors import InvalidInputError
+from snake_env.modes import mode_table
 from snake_env.state import StateBatch
 
 SCHEMA = 1
@@ -45,13 +46,24 @@ def read_shard(path: Path) -> Decisions:
     try:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*STATE_FIELDS, *_ARRAYS)}
-        if len({len(array) for array in arrays.values()}) != 1:
-            raise ValueError("arrays of different lengths")
+        _check(arrays)
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, *_BAD_ZIP) as error:
         expected = f"a whole shard ({error}); without the file, collect makes it again"
         raise InvalidInputError("shard", str(path), expected) from None
     states = StateBatch(**{name: arrays[name] for name in STATE_FIELDS})
     return Decisions(states, *(arrays[name] for name in _ARRAYS))
+
+
+def _check(arrays: dict[str, Any]) -> None:
+    """Raises ValueError unless arrays have the types and shapes of a shard's."""
+    count, n = np.shape(arrays["phi"])
+    modes = len(mode_table(n))
+    shapes = {"w": (3,), "phi": (n,), "target": (n,), **dict.fromkeys(_ARRAYS, (modes,))}
+    kinds = {"phase": "i", "last_mode": "i", "mask": "b", "feasible": "b"}
+    for name, array in arrays.items():
+        shape, kind = (count, *shapes.get(name, ())), kinds.get(name, "f")
+        if array.shape != shape or array.dtype.kind != kind:
+            raise ValueError(f"{name} is {array.dtype} {array.shape}")
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

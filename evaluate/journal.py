@@ -48,7 +48,7 @@ class Journal:
         folder = str(self._path.parent)
         if not self._path.is_file():
             raise InvalidInputError("resume", folder, "a folder with an interrupted run")
-        lines = self._path.read_text(encoding="utf-8").splitlines()
+        lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
         if not lines or lines[0] != header:
             expected = "work with the same policies, tasks, options and constants"
             raise InvalidInputError("resume", folder, expected)

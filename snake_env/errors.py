@@ -31,7 +31,7 @@ class InvalidInputError(SnakeEnvError, ValueError):
     def __str__(self) -> str:
         shown = " ".join(repr(self.value).split())
         if len(shown) > 80:
-            shown = shown[:77] + "..."
+            shown = f"{shown[:38]}...{shown[-39:]}"
         return f"{self.field} = {shown}: expected {self.expected}"
 
 

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from snake_env.episode import STILL
 from snake_env.errors import InvalidInputError, as_finite, as_integer
 from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
@@ -17,7 +18,7 @@ from snake_env.value import ValueFunction, load_value
 RESTARTS = 8
 """Searches with perturbed values where no plan has been found."""
 FAILURES = 3
-"""After so many searches without a plan an episode is given up: (21) goes on alone."""
+"""After so many searches that found nothing, though they had the time, (21) goes on alone."""
 
 
 class LookaheadPolicy:
@@ -65,13 +66,13 @@ class LookaheadPolicy:
         self._seed = 0 if seed is None else seed
         self._plan: Plan | None = None
         self._failures = 0
+        self._in_vain: SnakeState | None = None
 
     def select_mode(self, state: SnakeState) -> int:
         """The first mode of the best plan; where there is none, what (21) would do."""
         if not self._plan or not _same(state, self._plan.states[0]):
-            self._plan = self._search(state) if self._failures < FAILURES else None
+            self._plan = self._search(state) if self._is_worth_a_search(state) else None
         if not self._plan:
-            self._failures += 1
             selection = self._optimizer.select(state)
             self.rollouts += len(selection.modes)
             return selection.last_resort
@@ -93,7 +94,20 @@ class LookaheadPolicy:
             budget=budget,
         )
         self.rollouts += budget.spent
+        if plan is None:
+            self._in_vain = state
+            self._failures += not budget.exhausted
         return plan
+
+    def _is_worth_a_search(self, state: SnakeState) -> bool:
+        """Whether searches have not failed too often, and not from this very shape."""
+        last = self._in_vain
+        moved = (
+            last is None
+            or last.phase != state.phase
+            or float(np.abs(last.phi - state.phi).max()) >= STILL
+        )
+        return moved and self._failures < FAILURES
 
 
 def _same(one: SnakeState, other: SnakeState) -> bool:

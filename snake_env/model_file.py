@@ -36,12 +36,14 @@ class Model:
         n_joints: Joints of the robots that it is for.
         network: Takes observations.
         made: How it was made and what it is good for, as the manifest tells it.
+        sha256: Of its file; empty where it has none.
     """
 
     kind: Kind
     n_joints: int
     network: Network
     made: Mapping[str, Any] = field(default_factory=dict)
+    sha256: str = ""
 
     def check(self, params: SnakeParams) -> None:
         """Raises InvalidInputError if the model is not for robots with these constants."""
@@ -111,7 +113,9 @@ def read_model(path: Path) -> Model:
         weights=[tensors[f"weight.{k}"] for k in range(layers)],
         biases=[tensors[f"bias.{k}"] for k in range(layers)],
     )
-    return Model(manifest["kind"], manifest["n_joints"], network, manifest["made"])
+    return Model(
+        manifest["kind"], manifest["n_joints"], network, manifest["made"], manifest["sha256"]
+    )
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:

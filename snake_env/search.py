@@ -16,7 +16,7 @@ from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 from snake_env.value import ValueFunction
 
 SAME_SHAPE = 1e-3
-"""States of a phase whose joints differ by less lead to the same plans: one is kept [rad]."""
+"""Of states of a phase whose joints differ by no more one is kept, whatever else differs [rad]."""
 WIDENING = 4
 """Each of a series of searches is so many times as wide as the one before."""
 _STREAM = (0, 2)  # spawn key of the random numbers of searches: no task's are among them
@@ -29,7 +29,7 @@ class Plan:
     Attributes:
         modes: One mode for each interval.
         states: Where each of them begins, as many as modes.
-        cost: Integral of V over the plan [s].
+        cost: Integral of V over the plan, from where it was made [s].
     """
 
     modes: Sequence[int]

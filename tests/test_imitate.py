@@ -19,7 +19,8 @@ from train.__main__ import main
 
 PARAMS = SnakeParams()
 SMALL = (
-    "--rounds 2 --decisions 2048 --hidden 24 --epochs 2 --validation-tasks 6 --workers 1 --seed 5"
+    "--rounds 2 --decisions 8192 --hidden 64 64 --epochs 10 --batch-size 256 --learning-rate 0.003 "
+    "--validation-tasks 12 --workers 1 --seed 5"
 )
 
 

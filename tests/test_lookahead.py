@@ -160,19 +160,24 @@ def test_lookahead__is_deterministic_without_a_deadline() -> None:
     assert play(1) != play(0)
 
 
-def test_lookahead__gives_an_episode_up_that_has_no_plan() -> None:
+def test_lookahead__does_not_search_in_vain_again() -> None:
     policy = _planner(NARROW)
-    spent = []
-    for _ in range(FAILURES + 2):
+
+    def spent(state: SnakeState) -> int:
         before = policy.rollouts
-        policy.select_mode(HOPELESS)
-        spent.append(policy.rollouts - before)
-    assert spent[FAILURES:] == [2, 2]  # (21) alone: the phase allows two modes
-    assert min(spent[:FAILURES]) > 2
+        policy.select_mode(state)
+        return policy.rollouts - before
+
+    def moved(by: float) -> SnakeState:
+        return HOPELESS.replace(phi=HOPELESS.phi - np.eye(8)[4] * by)
+
+    first = spent(HOPELESS)
+    assert first > 2
+    assert [spent(HOPELESS), spent(HOPELESS)] == [2, 2]  # (21) alone: the phase allows two modes
+    searched = [spent(moved(0.002 * k)) > 2 for k in range(1, FAILURES + 2)]
+    assert searched == [True] * (FAILURES - 1) + [False] * 2  # given up
     policy.reset()
-    before = policy.rollouts
-    policy.select_mode(HOPELESS)
-    assert policy.rollouts - before == spent[0]
+    assert spent(HOPELESS) == first
 
 
 def test_lookahead__does_what_21_does_where_nothing_works() -> None:

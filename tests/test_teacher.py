@@ -298,13 +298,6 @@ def test_collect__is_decided_by_seed_and_part() -> None:
         assert not shapes & {row.tobytes() for row in other.states.target}
 
 
-def test_collect__of_more_decisions_begins_with_the_same_ones() -> None:
-    few, many = _collected(decisions=100), _collected(decisions=3000)
-    assert _same(few, many.take(np.arange(100)))
-    targets = [len(np.unique(part.states.target, axis=0)) for part in (few, many)]
-    assert targets[0] <= 64 < targets[1]  # more episodes
-
-
 def test_collect__adds_the_mirror_image() -> None:
     plain, both = _collected(decisions=90), _collected(decisions=90, mirrored=True)
     assert len(both) == 180

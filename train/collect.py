@@ -16,10 +16,10 @@ from evaluate.engine import Engine
 from evaluate.journal import writable_folder, write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import read_model
-from snake_env.network import Network
+from snake_env.model_file import Model, read_model
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
+from snake_env.value import pretrained
 from train.run import Robot, command
 
 SHARD = 2048
@@ -70,11 +70,13 @@ def train(options: Options, console: Console) -> None:
     params = options.check()
     folder = options.out or Path("runs") / f"collect-{options.teacher}"
     student = None if options.student is None else _student(options.student, params)
+    value = pretrained("value", params.n_joints, params.head_contact)
     about = {
         "schema": SCHEMA,
         "teacher": options.teacher,
         "depth": options.depth,
-        "student": None if options.student is None else str(options.student),
+        "student": None if student is None else student.sha256,
+        "value": None if value is None else value.sha256,
         "overweight": options.overweight,
         "mirror": options.mirror,
         "seed": options.seed,
@@ -93,7 +95,7 @@ def train(options: Options, console: Console) -> None:
             decisions=SHARD,
             teacher=options.teacher,
             depth=options.depth,
-            student=student,
+            student=None if student is None else student.network,
             overweight=options.overweight,
             mirrored=options.mirror,
             params=params,
@@ -114,12 +116,12 @@ def train(options: Options, console: Console) -> None:
     console.print(f"{len(parts) * SHARD} decisions: {folder}", soft_wrap=True)
 
 
-def _student(path: Path, params: SnakeParams) -> Network:
+def _student(path: Path, params: SnakeParams) -> Model:
     model = read_model(path)
     if model.kind != "policy":
         raise InvalidInputError("student", str(path), "the model of a policy")
     model.check(params)
-    return model.network
+    return model
 
 
 def _claim(folder: Path, about: dict[str, object]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from rich.console import Console
 
 from agents.checks import check_positive
@@ -93,6 +94,7 @@ def train(options: Options, console: Console) -> Path:
     folder = RunFolder(options.run, "imitate", options.robot, config)
     rows: list[dict[str, Any]] = list(folder.rows())
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else begun
+    torch.set_num_threads(1)
     warm_up(params)
     for number in range(len(rows), options.rounds):
         label = f"round {number + 1} of {options.rounds}"

@@ -63,8 +63,8 @@ class Run:
         Raises:
             InvalidInputError: Options that can't be used.
         """
-        if self.seed < 0:
-            raise InvalidInputError("seed", self.seed, "an integer, zero or positive")
+        if not 0 <= self.seed < 2**31:
+            raise InvalidInputError("seed", self.seed, "an integer from 0 to 2^31 - 1")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"
@@ -110,11 +110,10 @@ class RunFolder:
             raise InvalidInputError("resume", str(self.path), "a folder with a run") from None
         if not isinstance(about, dict) or about.get("schema") != SCHEMA:
             raise InvalidInputError("resume", str(self.path), f"a run of schema {SCHEMA}")
-        if about["config"] != self.config:
+        there = about.get("config", {})
+        if there != self.config:
             differing = sorted(
-                key
-                for key in {*about["config"], *self.config}
-                if about["config"].get(key) != self.config.get(key)
+                key for key in {*there, *self.config} if there.get(key) != self.config.get(key)
             )
             expected = f"a run with the same options (these differ: {', '.join(differing)})"
             raise InvalidInputError("resume", str(self.path), expected)
@@ -160,7 +159,7 @@ def begin(words: Sequence[str]) -> None:
 
 def command() -> str:
     """The command line, but for where its results go."""
-    words = list(_words)
+    words = [word for word in _words if not word.startswith("--out=")]
     if "--out" in words:
         at = words.index("--out")
         del words[at : at + 2]

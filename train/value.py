@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import torch
 from rich.console import Console
 
 from agents.checks import check_positive
@@ -72,6 +73,7 @@ def train(options: Options, console: Console) -> Path:
     file = folder.path / "value.safetensors"
     rows = list(folder.rows())
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    torch.set_num_threads(1)
     warm_up(params)
     for generation in range(len(rows), options.generations):
         parts = [
