@@ -31,9 +31,9 @@ class Fit:
 
     hidden: tuple[int, ...] = (384, 384)
     """Sizes of the hidden layers."""
-    epochs: int = 2
+    epochs: int = 4
     """Passes over the decisions of the window, in each round."""
-    batch_size: int = 1024
+    batch_size: int = 512
     """Decisions in a gradient step."""
     learning_rate: float = 1e-3
     """Learning rate of Adam in the first round; falls to a twentieth of it by the last."""

@@ -42,11 +42,11 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
     """Model file to begin with; default: random weights."""
-    rounds: int = 24
+    rounds: int = 8
     """Rounds of playing and fitting."""
     decisions: int = 81_920
     """Decisions that are judged in each round, in parts of 2048."""
-    window: int = 12
+    window: int = 8
     """Rounds whose judgements the network is fitted to."""
     depth: int = 0
     """Intervals that the teacher searches beyond a mode's end, before it takes the value."""
