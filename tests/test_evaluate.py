@@ -285,7 +285,11 @@ def test_other_constants__reach_the_robot(folder: Path) -> None:
     for row in _rows(out):
         assert all(int(mode) < 16 for mode in row["modes"].split())  # 1 + 5 + 10 modes
     names = {path.name for path in out.glob("*.png")}
-    assert names == {"cost.png", "fig4-analytic.png", "fig4-first-feasible.png"}  # sim-1 has 8 joints
+    assert names == {
+        "cost.png",
+        "fig4-analytic.png",
+        "fig4-first-feasible.png",
+    }  # sim-1 has 8 joints
 
 
 BAD = {
