@@ -16,7 +16,7 @@ ORDER = [
     *("observation", "programs", "network", "model_file", "value", "search"),
     *("policy", "lookahead", "network_policy", "shield"),
     *("transition", "core", "drawing", "rendering", "env", "wrappers"),
-    *("policies", "vector_env", "sb3"),
+    *("policies", "best_known", "vector_env", "sb3"),
     *("__init__", "__main__"),
 ]
 PHYSICS = ORDER[: ORDER.index("env")]
