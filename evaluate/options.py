@@ -36,7 +36,8 @@ class Options:
     joints at once, wheels skidding), or model files; +shield after one checks its choices; options
     follow a colon: lookahead:width=16."""
     tasks: str = "paper-500"
-    """paper-500, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and target of shape (N, n)."""
+    """paper-500, validation-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and
+    target of shape (N, n)."""
     preset: str = "paper"
     """Constants of the robot: paper, hardware or narrow."""
     set: Assignments = ()

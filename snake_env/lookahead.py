@@ -19,6 +19,8 @@ RESTARTS = 8
 """Searches with perturbed values where no plan has been found."""
 FAILURES = 3
 """After so many searches that found nothing, though they had the time, (21) goes on alone."""
+CUT_SHORT = 0.25
+"""How much of a failure a search is that the deadline ended."""
 
 
 class LookaheadPolicy:
@@ -65,7 +67,7 @@ class LookaheadPolicy:
         """Forgets the plan; ``seed`` decides how values are perturbed where no plan is found."""
         self._seed = 0 if seed is None else seed
         self._plan: Plan | None = None
-        self._failures = 0
+        self._failures = 0.0
         self._in_vain: SnakeState | None = None
 
     def select_mode(self, state: SnakeState) -> int:
@@ -96,7 +98,7 @@ class LookaheadPolicy:
         self.rollouts += budget.spent
         if plan is None:
             self._in_vain = state
-            self._failures += not budget.exhausted
+            self._failures += CUT_SHORT if budget.exhausted else 1.0
         return plan
 
     def _is_worth_a_search(self, state: SnakeState) -> bool:
