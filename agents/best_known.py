@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from snake_env.errors import InvalidModeError
+from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.search import Budget, Plan, analytic_plan, beam_search, expand, noise_of
 from snake_env.simulation import advance
@@ -80,8 +81,10 @@ def dead_end(state: SnakeState, params: SnakeParams, budget: Budget) -> int | No
     """
     beam, furthest = StateBatch.stack([state]), state.phase
     seen: set[bytes] = set()
+    allowed = mode_table(params.n_joints).masks(np.arange(1, params.n_joints + 1)).sum(axis=1)
     while len(beam):
-        if budget.exhausted:
+        if allowed[beam.phase - 1].sum() > budget.rollouts:
+            budget.rollouts = 0  # too little is left to go on
             return None
         tree = expand(beam, params)
         budget.spend(tree.rollouts)
