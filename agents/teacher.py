@@ -16,7 +16,7 @@ from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
-from snake_env.search import expand
+from snake_env.search import best_of_each, expand
 from snake_env.simulation import advance_batch, predict_batch
 from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.tasks import random_tasks
@@ -111,9 +111,7 @@ def _analytic_to_go(states: StateBatch, params: SnakeParams) -> FloatArray:
             break
         parent, mode = np.nonzero(mode_table(params.n_joints).masks(now.phase))
         j = predict_batch(now.take(parent), mode, params).j
-        order = np.lexsort((mode, j, parent))
-        _, first = np.unique(parent[order], return_index=True)
-        best = order[first]
+        best = best_of_each(parent, j)
         best = best[np.isfinite(j[best])]  # the others deadlock
         now, _ = advance_batch(now.take(parent[best]), mode[best], params)
         of = of[parent[best]]

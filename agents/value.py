@@ -21,7 +21,7 @@ from snake_env.model_file import Model
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
-from snake_env.search import expand
+from snake_env.search import best_of_each, expand
 from snake_env.state import StateBatch
 from snake_env.tasks import random_tasks
 from snake_env.value import NetworkValue, PhaseValue, ValueFunction
@@ -125,9 +125,7 @@ def play(shard: Play) -> Returns:
         noisy = explores[task] > depth
         noise = rng.gumbel(size=len(tree.mode)) * scale[task[tree.parent]]
         rank = value(tree.states) - np.where(noisy[tree.parent], noise, 0.0)
-        order = np.lexsort((rank, tree.parent))
-        _, first = np.unique(tree.parent[order], return_index=True)
-        chosen = order[first]  # of each state that has a feasible mode
+        chosen = best_of_each(tree.parent, rank)
         states, task = tree.states.take(chosen), task[tree.parent[chosen]]
         depth += 1
         reached = states.phase > params.n_joints

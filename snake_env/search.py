@@ -228,7 +228,7 @@ def beam_search(
         if depth is None or step <= depth:
             kept = _best(tree.states, rank, width)
         else:
-            kept = _best_of_each(tree.parent, rank)
+            kept = best_of_each(tree.parent, rank)
         levels.append((beam, tree.mode[kept], tree.parent[kept]))
         beam, cost = tree.states.take(kept), total[kept]
     return None
@@ -253,8 +253,16 @@ def _best(states: StateBatch, rank: FloatArray, width: int) -> IntArray:
     return order[np.sort(first)[:width]]
 
 
-def _best_of_each(parent: IntArray, rank: FloatArray) -> IntArray:
-    """Position of each parent's successor of lowest rank."""
+def best_of_each(parent: IntArray, rank: FloatArray) -> IntArray:
+    """Position of each parent's successor of lowest rank; ties go to the first.
+
+    Args:
+        parent: Parents of M successors, in any order, shape (M,).
+        rank: The successors' ranks, shape (M,).
+
+    Returns:
+        One position for each parent that has a successor, by rising parent.
+    """
     order = np.lexsort((rank, parent))
     _, first = np.unique(parent[order], return_index=True)
     return order[first]

@@ -19,8 +19,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
-from snake_env.value import pretrained
-from train.run import Robot, command
+from train.run import Robot, command, value_digest
 
 SHARD = 2048
 """Decisions in a shard."""
@@ -70,13 +69,12 @@ def train(options: Options, console: Console) -> None:
     params = options.check()
     folder = options.out or Path("runs") / f"collect-{options.teacher}"
     student = None if options.student is None else _student(options.student, params)
-    value = pretrained("value", params.n_joints, params.head_contact)
     about = {
         "schema": SCHEMA,
         "teacher": options.teacher,
         "depth": options.depth,
         "student": None if student is None else student.sha256,
-        "value": None if value is None else value.sha256,
+        "value": value_digest(params),
         "overweight": options.overweight,
         "mirror": options.mirror,
         "seed": options.seed,

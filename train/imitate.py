@@ -21,8 +21,7 @@ from snake_env.model_file import Model, read_model, write_model
 from snake_env.network import Network
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
-from snake_env.value import pretrained
-from train.run import Robot, Run, RunFolder, command
+from train.run import Robot, Run, RunFolder, command, value_digest
 from train.validation import Validation, quality
 
 _PART = 2048  # decisions that a worker collects at a time
@@ -81,7 +80,6 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     begun = None if options.init is None else read_model(options.init).network
-    value = pretrained("value", params.n_joints, params.head_contact)
     config = {
         **dataclasses.asdict(options.fit),
         **{
@@ -89,7 +87,7 @@ def train(options: Options, console: Console) -> Path:
             for key in ("rounds", "decisions", "window", "depth", "overweight")
         },
         **dataclasses.asdict(options.validation),
-        "value": None if value is None else value.sha256,
+        "value": value_digest(params),
         "init": None if options.init is None else str(options.init),
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),

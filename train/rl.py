@@ -8,9 +8,8 @@ is saved. So a run that was killed and resumed is equal to one that was not, to 
 from __future__ import annotations
 
 import dataclasses
-import os
+import io
 import signal
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -29,6 +28,7 @@ from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_positive
+from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
 from snake_env.errors import InvalidInputError, UnknownNameError
@@ -236,9 +236,9 @@ def _save(algorithm: ModuleType, model: Any, segment: int, path: Path) -> None:
         "optimizer": model.policy.optimizer.state_dict(),
         "extra": algorithm.extra_state(model),
     }
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        torch.save(state, file)
-    os.replace(file.name, path)
+    file = io.BytesIO()
+    torch.save(state, file)
+    write_atomically(path, file.getvalue())
 
 
 def _load(algorithm: ModuleType, model: Any, path: Path) -> int:

@@ -21,6 +21,7 @@ from evaluate.journal import writable_folder, write_atomically
 from evaluate.options import Assignments, parse_overrides
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
+from snake_env.value import pretrained
 
 SCHEMA = 1
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
@@ -147,6 +148,12 @@ class RunFolder:
                 writer.writeheader()
             writer.writerow(row)
         write_atomically(self._log, text.getvalue())
+
+
+def value_digest(params: SnakeParams) -> str | None:
+    """SHA-256 of the shipped value network that results depend on; None where there is none."""
+    model = pretrained("value", params.n_joints, params.head_contact)
+    return None if model is None else model.sha256
 
 
 _words: list[str] = []

@@ -22,8 +22,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
 from snake_env.tasks import load_tasks
-from snake_env.value import pretrained
-from train.run import Robot, command
+from train.run import Robot, command, value_digest
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,6 @@ def train(options: Options, console: Console) -> None:
     """
     params = options.check()
     suite = load_tasks(options.tasks, params)
-    value = pretrained("value", params.n_joints, params.head_contact)
     known = _known(options.improve, len(suite))
     folder = options.out or Path("runs") / f"solve-{options.tasks.replace(':', '-')}"
     options.engine.check()
@@ -73,7 +71,7 @@ def train(options: Options, console: Console) -> None:
         "tasks": [suite.name, len(suite), joblib.hash((suite.phi0, suite.target))],
         "params": asdict(params),
         "budget": options.budget,
-        "value": None if value is None else value.sha256,
+        "value": value_digest(params),
         "improve": joblib.hash(known),
     }
     partial, file = folder / "plans.partial.jsonl", folder / "plans.csv"
