@@ -3,13 +3,15 @@
 Round by round the student plays, the teacher says what each mode of the states on the way would cost
 (DAgger), and the student learns to prefer cheap modes. A mode's regret is what it costs more than the
 best one. The loss is the student's expected regret, and for its gradient where the student is sure of
-a bad mode, the cross-entropy with a soft minimum of the regrets.
+a bad mode, the cross-entropy with a soft minimum of the regrets. Instead, the outputs can be action
+values, fitted to the costs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -24,29 +26,37 @@ from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 
+REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
+"""What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""
+
 
 @dataclass(frozen=True)
 class Fit:
     """How the network is fitted to the decisions."""
 
-    hidden: tuple[int, ...] = (384, 384)
+    hidden: tuple[int, ...] = (480, 480, 240)
     """Sizes of the hidden layers."""
-    epochs: int = 4
-    """Passes over the decisions of the window, in each round."""
+    epochs: int = 2
+    """Passes over the decisions of the window, in each round but the last."""
+    last_epochs: int = 8
+    """Passes in the last round, in which the learning rate falls to a hundredth."""
     batch_size: int = 512
     """Decisions in a gradient step."""
     learning_rate: float = 1e-3
-    """Learning rate of Adam in the first round; falls to a twentieth of it by the last."""
+    """Learning rate of Adam until the last round."""
     temperature: float = 0.3
     """Of the soft minimum [intervals]."""
     cross_entropy: float = 0.3
     """Weight of the cross-entropy beside the expected regret."""
     violation: float = 30.0
     """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
+    learn: Literal["preferences", "values"] = "preferences"
+    """What the outputs are: preferences, for PPO to begin with, or action values, for DQN."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
-        check_positive(self, "epochs", "batch_size", "learning_rate", "temperature", "violation")
+        check_positive(self, "epochs", "last_epochs", "batch_size", "learning_rate")
+        check_positive(self, "temperature", "violation")
         check_hidden(self.hidden)
 
 
@@ -56,35 +66,29 @@ class Lessons:
 
     Attributes:
         observations: Shape (N, observation_size).
-        regret: What each mode costs more than the best, shape (N, n_modes) [intervals]; negative
-            where it can't be chosen at all.
+        cost: Intervals to the target with each mode, shape (N, n_modes); infinite where it is
+            infeasible, negative where it can't be chosen at all.
     """
 
     observations: NDArray[np.float32]
-    regret: NDArray[np.float16]
+    cost: NDArray[np.float16]
 
 
-def lessons(decisions: Decisions, violation: float, params: SnakeParams) -> Lessons:
-    """The lessons in decisions; those without a feasible mode teach nothing.
-
-    Args:
-        decisions: States and what every mode costs.
-        violation: Regret of an infeasible mode, and the largest of a feasible one [intervals].
-        params: The constants.
-    """
+def lessons(decisions: Decisions, params: SnakeParams) -> Lessons:
+    """The lessons in decisions; those without a feasible mode teach nothing."""
     chosen = decisions.take(np.flatnonzero(decisions.feasible.any(axis=1)))
-    regret = chosen.cost_to_go - chosen.cost_to_go.min(axis=1, keepdims=True)
-    regret = np.where(chosen.mask, np.minimum(regret, violation), -1.0)
-    return Lessons(observe(chosen.states, params), regret.astype(np.float16))
+    cost = np.where(chosen.mask, chosen.cost_to_go, -1.0)
+    return Lessons(observe(chosen.states, params), cost.astype(np.float16))
 
 
 def fit(
     network: Network | None,
     parts: Sequence[Lessons],
     how: Fit,
-    learning_rate: float,
     n_joints: int,
     seed: int,
+    *,
+    last: bool,
 ) -> tuple[Network, dict[str, float]]:
     """Fits a network to lessons, each state and its mirror image in turn.
 
@@ -92,49 +96,82 @@ def fit(
         network: Where to begin; None: anew.
         parts: The lessons.
         how: The method's options.
-        learning_rate: That of this round.
         n_joints: Joints of the robot.
         seed: Decides the order of the batches, and where a new network begins.
+        last: Whether it is the last round.
 
     Returns:
         The network; and of the last pass the mean regret of the preferred mode [intervals], and how
         often that mode is infeasible.
     """
     torch.manual_seed(seed)
-    outputs = len(mode_table(n_joints))
     module = (
-        build([observation_size(n_joints), *how.hidden, outputs])
+        build([observation_size(n_joints), *how.hidden, len(mode_table(n_joints))])
         if network is None
         else from_numpy(network)
     )
     order, sign = (torch.from_numpy(part) for part in mirror(n_joints))
     x = torch.from_numpy(np.concatenate([part.observations for part in parts]))
-    regret = torch.from_numpy(np.concatenate([part.regret for part in parts]))
-    size = min(how.batch_size, len(x))
-    optimizer = torch.optim.Adam(module.parameters(), learning_rate)
+    cost = torch.from_numpy(np.concatenate([part.cost for part in parts]))
+    size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
+    optimizer = torch.optim.Adam(module.parameters(), how.learning_rate)
+    schedule = torch.optim.lr_scheduler.LinearLR(
+        optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * (len(x) // size)
+    )
     figures = {"regret": 0.0, "infeasible": 0.0}
-    for epoch in range(how.epochs):
+    for epoch in range(epochs):
         batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size)
         figures = dict.fromkeys(figures, 0.0)
         for k, rows in enumerate(batches):
             given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
-            costs = regret[rows].float()
-            closed = costs < 0.0
-            logits = module(given).masked_fill(closed, -1e9)
-            log_policy = torch.log_softmax(logits, dim=1)
-            policy = log_policy.exp()
-            wanted = torch.softmax(
-                (-costs / how.temperature).masked_fill(closed | (costs >= how.violation), -1e9),
-                dim=1,
-            )
-            expected = (policy * costs.clamp(min=0.0)).sum(dim=1).mean()
-            loss = expected - how.cross_entropy * (wanted * log_policy).sum(dim=1).mean()
+            costs = cost[rows].float()
+            outputs = module(given).masked_fill(costs < 0.0, -1e9)
+            regret = _regret(costs, how)
+            loss = _losses[how.learn](outputs, costs, regret, how)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-            preferred = costs.gather(1, logits.argmax(dim=1, keepdim=True))
-            figures["regret"] += float(preferred.mean()) / len(batches)
-            figures["infeasible"] += float((preferred >= how.violation).float().mean()) / len(
-                batches
-            )
+            schedule.step()
+            preferred = regret.gather(1, outputs.argmax(dim=1, keepdim=True))
+            broken = preferred >= how.violation
+            figures["regret"] += float(preferred[~broken].sum()) / size / len(batches)
+            figures["infeasible"] += float(broken.float().mean()) / len(batches)
     return to_numpy(linear_layers(module)), figures
+
+
+def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
+    """What each mode costs more than the best [intervals]; negative where it can't be chosen."""
+    closed = costs < 0.0
+    best = costs.masked_fill(closed, torch.inf).min(dim=1, keepdim=True).values
+    return (costs - best).clamp(max=how.violation).masked_fill(closed, -1.0)
+
+
+def _preference_loss(
+    logits: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit
+) -> torch.Tensor:
+    """Expected regret, and the cross-entropy with the soft minimum of the regrets."""
+    log_policy = torch.log_softmax(logits, dim=1)
+    out = (regret < 0.0) | (regret >= how.violation)
+    wanted = torch.softmax((-regret / how.temperature).masked_fill(out, -1e9), dim=1)
+    expected = (log_policy.exp() * regret.clamp(min=0.0)).sum(dim=1).mean()
+    return expected - how.cross_entropy * (wanted * log_policy).sum(dim=1).mean()
+
+
+def _value_loss(
+    values: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit
+) -> torch.Tensor:
+    """Error of the action values; what is far from the best counts less."""
+    wanted = action_values(costs)
+    weight = torch.where(torch.isinf(costs), 0.3, 0.03 + torch.exp(-regret))
+    weight = weight.masked_fill(costs < 0.0, 0.0)
+    error = torch.nn.functional.huber_loss(values, wanted, reduction="none", delta=0.5)
+    return (weight * error).sum() / weight.sum()
+
+
+def action_values(costs: torch.Tensor) -> torch.Tensor:
+    """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted."""
+    value = REWARD["success"] + REWARD["time"] * costs
+    return torch.where(torch.isinf(costs), REWARD["violation"], value)
+
+
+_losses = {"preferences": _preference_loss, "values": _value_loss}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
@@ -21,8 +23,10 @@ class Settings:
 
     timesteps: int = 8_000_000
     """Decisions to learn from."""
-    hidden: tuple[int, ...] = (384, 384)
-    """Sizes of the hidden layers, of the actor's and of the critic's network."""
+    hidden: tuple[int, ...] = (480, 480, 240)
+    """Sizes of the actor's hidden layers."""
+    critic_hidden: tuple[int, ...] = (256, 256, 128)
+    """Sizes of the critic's hidden layers."""
     num_envs: int = 512
     """Robots side by side."""
     n_steps: int = 32
@@ -47,6 +51,7 @@ class Settings:
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_hidden(self.hidden)
+        check_hidden(self.critic_hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
         check_positive(self, "learning_rate", "clip_range")
         check_share(self, "gae_lambda", "gamma")
@@ -66,7 +71,7 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
         clip_range=settings.clip_range,
         ent_coef=settings.entropy,
         policy_kwargs={
-            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.hidden)},
+            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.critic_hidden)},
             "activation_fn": nn.ReLU,
         },
         seed=seed,
@@ -77,6 +82,18 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
 def initialise(model: PPO, network: Network) -> None:
     """Gives the actor a network's weights."""
     load_weights(_actor(model), network)
+
+
+def initialise_critic(model: PPO, value: Network, reward: Mapping[str, float]) -> None:
+    """Gives the critic a value network's weights, from intervals into reward."""
+    *weights, last = value.weights
+    *biases, offset = value.biases
+    scaled = Network(
+        [*weights, last * np.float32(reward["time"])],
+        [*biases, offset * np.float32(reward["time"]) + np.float32(reward["success"])],
+    )
+    policy = model.policy
+    load_weights(linear_layers([*policy.mlp_extractor.value_net, policy.value_net]), scaled)
 
 
 def iterate(model: PPO, callback: BaseCallback, settings: Settings) -> None:

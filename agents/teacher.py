@@ -130,7 +130,8 @@ class Visit:
         depth: See :func:`judge`.
         student: Whose states are visited: a network that prefers modes; None: the teacher's own, with
             noise in its choices.
-        overweight: How many times as often states near a deadlock are kept as others.
+        overweight: How many times as often as others those states are kept in which the student's
+            choice is infeasible or, without a student, those near a deadlock.
         mirrored: Whether the mirror image of each decision is added.
         params: The constants.
     """
@@ -179,16 +180,13 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
-    choices = mode_table(params.n_joints).masks(np.arange(1, params.n_joints + 2)).sum(axis=1)
     for _ in range(_LONGEST):
-        decisions = judge(states, shard.teacher, params, shard.depth)
-        feasible = decisions.feasible.sum(axis=1)
-        valid = choices[states.phase - 1]
-        near_deadlock = (feasible <= FEW) & (valid > FEW)
-        wanted = near_deadlock | (rng.random(len(states)) * shard.overweight < 1.0)
-        yield decisions.take(np.flatnonzero(wanted & (valid > 1)))
-        chosen = _choose(decisions, shard.student, scale, rng, params)
-        going = np.flatnonzero(feasible > 0)
+        if shard.student is None:
+            decisions, chosen = _of_teacher(states, shard, scale, rng)
+        else:
+            decisions, chosen = _of_student(states, shard, shard.student, rng)
+        yield decisions
+        going = np.flatnonzero(chosen >= 0)
         before = states.take(going)
         states, _ = advance_batch(before, chosen[going], params)
         moved = np.abs(states.phi - before.phi).max(axis=1, initial=0.0) >= STILL
@@ -198,23 +196,51 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
             return
 
 
-def _choose(
-    decisions: Decisions,
-    student: Network | None,
-    scale: FloatArray,
-    rng: np.random.Generator,
-    params: SnakeParams,
-) -> IntArray:
-    """Feasible modes to go on with: the student's where it is feasible, otherwise the teacher's."""
+def _of_teacher(
+    states: StateBatch, shard: Visit, scale: FloatArray, rng: np.random.Generator
+) -> tuple[Decisions, IntArray]:
+    """What is kept of some states, and the teacher's choices, with noise; -1 in a deadlock.
+
+    All are judged; those near a deadlock are always kept.
+    """
+    decisions = judge(states, shard.teacher, shard.params, shard.depth)
     noise = rng.gumbel(size=decisions.cost_to_go.shape)
     rank = np.where(decisions.feasible, decisions.cost_to_go - noise * scale[:, None], np.inf)
-    chosen: IntArray = rank.argmin(axis=1)
-    if student is not None:
-        preference = student(observe(decisions.states, params))
-        wanted = np.where(decisions.mask, preference, -np.inf).argmax(axis=1)
-        possible = decisions.feasible[np.arange(len(wanted)), wanted]
-        chosen = np.where(possible, wanted, chosen)
-    return chosen
+    feasible, valid = decisions.feasible.sum(axis=1), _valid(states, shard.params)
+    near_deadlock = (feasible <= FEW) & (valid > FEW)
+    kept = (near_deadlock | _drawn(shard, len(states), rng)) & (valid > 1)
+    return decisions.take(np.flatnonzero(kept)), np.where(feasible > 0, rank.argmin(axis=1), -1)
+
+
+def _of_student(
+    states: StateBatch, shard: Visit, student: Network, rng: np.random.Generator
+) -> tuple[Decisions, IntArray]:
+    """What is kept of some states, and the student's choices; -1 in a deadlock.
+
+    Where its choice is infeasible the teacher helps, and the state is kept. Only what is kept is
+    judged, so that the others are cheap.
+    """
+    params = shard.params
+    mask = action_masks(states, "instant", params)
+    chosen = np.where(mask, student(observe(states, params)), -np.inf).argmax(axis=1)
+    prediction = predict_batch(states, chosen, params)
+    wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
+    kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
+    rows = np.flatnonzero(kept)
+    decisions = judge(states.take(rows), shard.teacher, params, shard.depth)
+    best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
+    chosen[wrong] = best[wrong[rows]]
+    return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
+
+
+def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Which of some ordinary states are kept."""
+    return rng.random(count) * shard.overweight < 1.0
+
+
+def _valid(states: StateBatch, params: SnakeParams) -> IntArray:
+    """How many modes the phase of each state allows."""
+    return mode_table(params.n_joints).masks(states.phase).sum(axis=1)
 
 
 def join(parts: Sequence[Decisions]) -> Decisions:

@@ -37,11 +37,11 @@ _NOISE = (0.3, 3.0)  # least and largest scale of the noise [intervals]
 class Fit:
     """How the network is fitted to a generation's returns."""
 
-    hidden: tuple[int, ...] = (384, 384)
+    hidden: tuple[int, ...] = (256, 256, 128)
     """Sizes of the hidden layers."""
     epochs: int = 4
     """Passes over the returns of the window."""
-    batch_size: int = 1024
+    batch_size: int = 512
     """Returns in a gradient step."""
     learning_rate: float = 1e-3
     """Largest learning rate of AdamW in the first generation; falls to a twentieth by the last."""

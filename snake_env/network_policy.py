@@ -60,10 +60,16 @@ class NetworkPolicy:
         observation, mask = observe_one(state, self._params)
         preferences = self._network(observation)
         preferences[~mask] = -np.inf
-        phase, phi = self._where or (0, state.phi)
-        if phase != state.phase or np.abs(state.phi - phi).max() >= STILL:
+        if self._has_moved(state):
             self._where = state.phase, state.phi
             self._tried.clear()
         elif len(self._tried) < np.count_nonzero(mask):
             preferences[self._tried] = -np.inf
         return preferences
+
+    def _has_moved(self, state: SnakeState) -> bool:
+        """Whether the robot is somewhere else than where the modes were tried."""
+        if self._where is None or abs(state.last_turn) >= STILL:  # the SCP tells soonest
+            return True
+        phase, phi = self._where
+        return phase != state.phase or bool(np.abs(state.phi - phi).max() >= STILL)

@@ -54,11 +54,11 @@ class NetworkValue:
         if model.kind != "value":
             raise InvalidInputError("model.kind", model.kind, "value")
         model.check(params)
-        self._network, self._params = model.network, params
+        self.network, self._params = model.network, params
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
-        estimates = self._network(observe(states, self._params))[:, 0].astype(np.float64)
+        estimates = self.network(observe(states, self._params))[:, 0].astype(np.float64)
         reached = states.phase > self._params.n_joints
         result: FloatArray = np.where(reached, 0.0, estimates)
         return result

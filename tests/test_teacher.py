@@ -373,6 +373,22 @@ def test_overweight__keeps_more_states_near_a_deadlock() -> None:
     assert 2.5 < odds[1] / odds[0] < 6.0
 
 
+def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:
+    student = _Student(8, highest=True)
+
+    def wrong(decisions: Decisions) -> float:
+        favourite = np.where(decisions.mask, student.preferences, -np.inf).argmax(axis=1)
+        return float(np.mean(~decisions.feasible[np.arange(len(favourite)), favourite]))
+
+    plain, often = (
+        wrong(_collected(PAPER, decisions=1200, student=student, overweight=weight))
+        for weight in (1.0, 4.0)
+    )
+    assert 0.01 < plain < 0.5
+    odds = plain / (1.0 - plain), often / (1.0 - often)
+    assert 2.5 < odds[1] / odds[0] < 6.0
+
+
 def test_collect__covers_all_phases_that_leave_a_choice() -> None:
     found = _collected(PAPER, decisions=900)
     assert set(found.states.phase.tolist()) == set(range(1, 8))

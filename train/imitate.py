@@ -32,7 +32,7 @@ class Options:
     """Learn which mode is cheap from a teacher that knows what each would cost (DAgger).
 
     Round by round the student plays random tasks, the teacher judges every mode of the states on the
-    way, and the student is fitted to the last rounds' judgements.
+    way, and the student is fitted to all judgements so far.
     """
 
     run: Run = field(default_factory=Run)
@@ -42,16 +42,15 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
     """Model file to begin with; default: random weights."""
-    rounds: int = 8
+    rounds: int = 6
     """Rounds of playing and fitting."""
-    decisions: int = 81_920
+    decisions: int = 262_144
     """Decisions that are judged in each round, in parts of 2048."""
-    window: int = 8
-    """Rounds whose judgements the network is fitted to."""
     depth: int = 0
     """Intervals that the teacher searches beyond a mode's end, before it takes the value."""
-    overweight: float = 1.0
-    """Keep states near a deadlock (at most 3 feasible modes) so many times as often as others."""
+    overweight: float = 4.0
+    """Keep states in which the student's choice is infeasible (in the first round, those near a
+    deadlock: at most 3 feasible modes) so many times as often as others."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -59,7 +58,7 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        check_positive(self, "rounds", "decisions", "window")
+        check_positive(self, "rounds", "decisions")
         if self.depth < 0:
             raise InvalidInputError("depth", self.depth, "zero or a positive number")
         if not self.overweight >= 1.0:
@@ -82,10 +81,7 @@ def train(options: Options, console: Console) -> Path:
     begun = None if options.init is None else read_model(options.init).network
     config = {
         **dataclasses.asdict(options.fit),
-        **{
-            key: getattr(options, key)
-            for key in ("rounds", "decisions", "window", "depth", "overweight")
-        },
+        **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
         **dataclasses.asdict(options.validation),
         "value": value_digest(params),
         "init": None if options.init is None else str(options.init),
@@ -100,14 +96,13 @@ def train(options: Options, console: Console) -> Path:
     for number in range(len(rows), options.rounds):
         label = f"round {number + 1} of {options.rounds}"
         _play(options, number, network, params, folder.path, label, console)
-        first = max(0, number + 1 - options.window)
         network, figures = fit(
             network,
-            [_read(folder.path, k) for k in range(first, number + 1)],
+            [_read(folder.path, k) for k in range(number + 1)],
             options.fit,
-            options.fit.learning_rate * (1.0 - 0.95 * number / options.rounds),
             params.n_joints,
             seed=options.run.seed + 1000 * number,
+            last=number + 1 == options.rounds,
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
@@ -121,9 +116,9 @@ def train(options: Options, console: Console) -> Path:
             write_model(best, Model("policy", params.n_joints, network, made))
         rows.append(row)
         folder.write_rows(rows)
-        for stale in (folder.path / f"lessons-{first - 1}.npz", _kept(folder.path, number - 1)):
-            stale.unlink(missing_ok=True)
-            stale.with_suffix(".json").unlink(missing_ok=True)
+        stale = _kept(folder.path, number - 1)
+        stale.unlink(missing_ok=True)
+        stale.with_suffix(".json").unlink(missing_ok=True)
         console.print(
             f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
             f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "
@@ -162,13 +157,13 @@ def _play(
     collected = []
     with progress(console, count * _PART, "decisions") as advance:
         for part, decisions in options.engine.map(collect, visits):
-            collected.append((part, lessons(decisions, options.fit.violation, params)))
+            collected.append((part, lessons(decisions, params)))
             advance(label, _PART)
     collected.sort(key=lambda pair: pair[0])
     np.savez(
         folder / f"lessons-{number}.npz",
         observations=np.concatenate([lesson.observations for _, lesson in collected]),
-        regret=np.concatenate([lesson.regret for _, lesson in collected]),
+        cost=np.concatenate([lesson.cost for _, lesson in collected]),
     )
 
 
@@ -178,4 +173,4 @@ def _kept(path: Path, number: int) -> Path:
 
 def _read(path: Path, number: int) -> Lessons:
     with np.load(path / f"lessons-{number}.npz") as file:
-        return Lessons(file["observations"], file["regret"])
+        return Lessons(file["observations"], file["cost"])

@@ -22,6 +22,9 @@ class Options:
     loop: rl.Loop = field(default_factory=rl.Loop)
     validation: Validation = field(default_factory=Validation)
     settings: ppo.Settings = field(default_factory=ppo.Settings)
+    init_critic: Path | None = None
+    """Model file of a value network that the critic begins with, as train value makes it; default:
+    random weights."""
 
 
 def train(options: Options, console: Console) -> Path:
@@ -34,4 +37,5 @@ def train(options: Options, console: Console) -> Path:
         options.loop,
         options.validation,
         console,
+        init_critic=options.init_critic,
     )

@@ -28,6 +28,7 @@ from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_positive
+from agents.imitate import REWARD
 from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
@@ -36,12 +37,12 @@ from snake_env.model_file import Model, read_model, write_model
 from snake_env.programs import warm_up
 from snake_env.reward import RewardWeights
 from snake_env.sb3 import SnakeVecEnv
+from snake_env.value import NetworkValue
 from train.curves import draw_curves
 from train.run import Robot, Run, RunFolder, command
 from train.validation import Validation, quality
 
-REWARD = {"time": -0.1, "phase": 0.0, "success": 1.0, "violation": -3.0, "cost": 0.0}
-"""What counts in training: an interval, the target, a violation worth 40 intervals."""
+_REWARD = {**REWARD, "phase": 0.0, "cost": 0.0}
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Loop:
         for name in given:
             if name not in known:
                 raise UnknownNameError("reward term", name, known)
-        return {**REWARD, **given}
+        return {**_REWARD, **given}
 
 
 def train(
@@ -86,6 +87,8 @@ def train(
     loop: Loop,
     validation: Validation,
     console: Console,
+    *,
+    init_critic: Path | None = None,
 ) -> Path:
     """Trains to the end, or from where an interrupted run is.
 
@@ -97,6 +100,7 @@ def train(
         loop: How the run goes.
         validation: How it is validated.
         console: Where progress is shown.
+        init_critic: Model file of a value network that the critic begins with.
 
     Returns:
         The best model's file.
@@ -108,10 +112,12 @@ def train(
     begun = None if loop.init is None else read_model(loop.init)
     if begun is not None:
         begun.check(params)
+    critic = None if init_critic is None else NetworkValue(read_model(init_critic), params).network
     config = {
         **dataclasses.asdict(settings),
         **dataclasses.asdict(validation),
         "init": None if loop.init is None else str(loop.init),
+        "init_critic": None if init_critic is None else str(init_critic),
         "reward": weights,
         "segment": loop.segment,
         "validate_every": loop.validate_every,
@@ -135,8 +141,11 @@ def train(
     segment = 0
     if run.resume and checkpoint.exists():
         segment = _load(algorithm, model, checkpoint)
-    elif begun is not None:
-        algorithm.initialise(model, begun.network)
+    else:
+        if begun is not None:
+            algorithm.initialise(model, begun.network)
+        if critic is not None:
+            algorithm.initialise_critic(model, critic, weights)
     total = settings.timesteps
     rows: list[dict[str, Any]] = [
         row for row in folder.rows() if int(row["timesteps"]) <= model.num_timesteps

@@ -17,6 +17,7 @@ from evaluate.progress import progress
 from snake_env.model_file import Model, read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
+from snake_env.value import NetworkValue
 from train.run import Robot, Run, RunFolder, command
 
 _PART = 256  # episodes that a worker plays side by side
@@ -34,6 +35,8 @@ class Options:
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
     fit: Fit = field(default_factory=Fit)
+    init: Path | None = None
+    """Model file that plays the first generation; default: the potential of the reward plays it."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
@@ -63,8 +66,10 @@ def train(options: Options, console: Console) -> Path:
         The model's file.
     """
     params = options.check()
+    begun = None if options.init is None else NetworkValue(read_model(options.init), params).network
     config = {
         **dataclasses.asdict(options.fit),
+        "init": None if options.init is None else str(options.init),
         **{key: getattr(options, key) for key in ("generations", "episodes", "window")},
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
@@ -73,11 +78,12 @@ def train(options: Options, console: Console) -> Path:
     file = folder.path / "value.safetensors"
     rows = list(folder.rows())
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    player = begun if network is None else network
     torch.set_num_threads(1)
     warm_up(params)
     for generation in range(len(rows), options.generations):
         parts = [
-            Play(options.run.seed, generation, first // _PART, count, network, params)
+            Play(options.run.seed, generation, first // _PART, count, player, params)
             for first in range(0, options.episodes, _PART)
             for count in [min(_PART, options.episodes - first)]
         ]
@@ -104,6 +110,7 @@ def train(options: Options, console: Console) -> Path:
             params.n_joints,
             seed=options.run.seed + 1000 * generation,
         )
+        player = network
         greedy = sum(returns.greedy for returns in played)
         solved = sum(returns.solved for returns in played)
         time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
