@@ -48,7 +48,7 @@ class Fit:
     """Of the soft minimum [intervals]."""
     cross_entropy: float = 0.3
     """Weight of the cross-entropy beside the expected regret."""
-    violation: float = 30.0
+    violation: float = 100.0
     """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
     learn: Literal["preferences", "values"] = "preferences"
     """What the outputs are: preferences, for PPO to begin with, or action values, for DQN."""

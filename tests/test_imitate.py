@@ -61,7 +61,7 @@ def test_fit__lowers_the_regret_of_the_preferred_mode(learn, decisions: Decision
     how = Fit(hidden=(64,), epochs=1, batch_size=24, learn=learn)
     first, before = fit(None, [lesson], how, 8, seed=0, last=False)
     network: Network = first
-    how = dataclasses.replace(how, epochs=300, learning_rate=3e-3)
+    how = dataclasses.replace(how, epochs=1500, learning_rate=3e-3)
     network, after = fit(network, [lesson], how, 8, seed=1, last=False)
     assert after["regret"] + after["infeasible"] < 0.3 * (before["regret"] + before["infeasible"])
 

@@ -1,8 +1,11 @@
 """``python -m train ppo`` and ``dqn``: they learn, they resume exactly, they refuse nonsense."""
 
 import csv
+import itertools
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from agents import ppo
 from snake_env import SnakeParams, load_policy
 from snake_env.model_file import Model, read_model, write_model
 from snake_env.network import Network
+from snake_env.observation import observation_size
+from snake_env.sb3 import SnakeVecEnv
 from tests.test_network_policy import model_of
 from train.__main__ import main
 
@@ -167,3 +174,68 @@ def test_init__of_another_size_is_refused(
     write_model(given, model_of())
     assert main(arguments("ppo", tmp_path / "run", f"--init {given}")) == 2
     assert "hidden" in capfd.readouterr().err
+
+
+def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) -> None:
+    sizes = [observation_size(8), 12, 1]
+    rng = np.random.default_rng(2)
+    value = Network(
+        [rng.normal(0.0, 0.3, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    settings = ppo.Settings(hidden=(8,), critic_hidden=(12,), num_envs=4)
+    env = SnakeVecEnv(4, mask_in_observation=True)
+    model = ppo.build(settings, env, seed=0, device="cpu")
+    ppo.initialise_critic(model, value, {"time": -0.1, "success": 2.0})
+    env.seed(0)
+    observations = env.reset()
+    with torch.no_grad():
+        critic = model.policy.predict_values(model.policy.obs_to_tensor(observations)[0])
+    intervals = value(observations["observation"])
+    np.testing.assert_allclose(critic.numpy(), 2.0 - 0.1 * intervals, rtol=1e-5, atol=1e-6)
+
+
+def test_init_critic__needs_a_value_network(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "given.safetensors"
+    write_model(given, model_of())
+    words = arguments("ppo", tmp_path / "run", f"--init-critic {given}")
+    assert main(words) == 2
+    assert "model.kind" in capfd.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("seeds") / "ppo"
+    assert main(arguments("ppo", out, "--seeds 2 --workers 2")) == 0
+    return out
+
+
+def test_seeds__are_the_runs_that_one_would_make_alone(seeds: Path, tmp_path: Path) -> None:
+    assert {path.name for path in seeds.iterdir()} == {"s3", "s4", "seeds.json", "curve.png"}
+    assert main(arguments("ppo", tmp_path / "alone", "--seed 4")) == 0
+    assert log(tmp_path / "alone") == log(seeds / "s4")
+    one, other = (
+        read_model(run / "best.safetensors") for run in (tmp_path / "alone", seeds / "s4")
+    )
+    assert same(one.network, other.network)
+    command = json.loads((seeds / "s4" / "run.json").read_text())["command"]
+    assert command.endswith("--seed 4")
+    assert "--seeds" not in command
+    spread = json.loads((seeds / "seeds.json").read_text())
+    assert spread["s4"] == dict(other.made["validation"])
+
+
+def test_seeds__that_were_killed_go_on(
+    seeds: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "ppo"
+    shutil.copytree(seeds / "s3", out / "s3")  # the other has not been begun
+    assert main(arguments("ppo", out, "--seeds 2 --workers 1 --resume")) == 0
+    for name in ("s3", "s4"):
+        assert log(out / name) == log(seeds / name)
+    told = capfd.readouterr().out
+    assert "s3" in told
+    assert "worst" in told

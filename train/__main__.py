@@ -11,7 +11,7 @@ from rich.console import Console
 from evaluate.engine import WorkerLostError
 from snake_env.errors import SnakeEnvError, UnknownNameError
 from train.config import parse_with_file
-from train.run import begin
+from train.run import Run, begin
 
 COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
@@ -38,7 +38,13 @@ def main(args: list[str] | None = None) -> int:
         module: Any = importlib.import_module(f"train.{words[0]}")
         options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
         console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
-        module.train(options, console)
+        run = getattr(options, "run", None)
+        if isinstance(run, Run) and run.seeds > 1:
+            from train.seeds import train_seeds  # takes a while to import
+
+            train_seeds(words[0], options, words, console)
+        else:
+            module.train(options, console)
     except WorkerLostError as error:
         print(f"error: {error}; --resume goes on with what is finished", file=sys.stderr)
         return 1

@@ -19,15 +19,16 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
     """Draws the validations of some runs, a line each, beside one another."""
     figure = Figure(figsize=(10.0, 3.0), layout="constrained", dpi=130)
     axes = figure.subplots(1, len(_PANELS))
+    rows: list[dict[str, str]] = []
     for run in runs:
         with (run / "log.csv").open(encoding="utf-8", newline="") as file:
             rows = [row for row in csv.DictReader(file) if row.get("raw_success")]
-        steps = [int(row["timesteps"]) / 1e6 for row in rows]
+        steps = [float(row.get("round") or int(row["timesteps"]) / 1e6) for row in rows]
         for axis, (_, key) in zip(axes, _PANELS, strict=True):
             axis.plot(steps, [float(row[key]) for row in rows], label=run.name, marker=".")
     for axis, (title, _) in zip(axes, _PANELS, strict=True):
         axis.set_title(title, fontsize=9, loc="left")
-        axis.set_xlabel("million decisions")
+        axis.set_xlabel("round" if rows and "round" in rows[0] else "million decisions")
         axis.grid(alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
     if len(runs) > 1:

@@ -42,7 +42,7 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
     """Model file to begin with; default: random weights."""
-    rounds: int = 6
+    rounds: int = 5
     """Rounds of playing and fitting."""
     decisions: int = 262_144
     """Decisions that are judged in each round, in parts of 2048."""

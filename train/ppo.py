@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from agents import ppo
+from evaluate.engine import Engine
 from train import rl
 from train.run import Robot, Run
 from train.validation import Validation
@@ -19,6 +20,7 @@ class Options:
 
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
     loop: rl.Loop = field(default_factory=rl.Loop)
     validation: Validation = field(default_factory=Validation)
     settings: ppo.Settings = field(default_factory=ppo.Settings)

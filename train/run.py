@@ -53,6 +53,8 @@ class Run:
     """The run's folder; default: runs/ and a name made of the algorithm, the preset and the seed."""
     seed: int = 0
     """Seed of everything random."""
+    seeds: int = 1
+    """So many runs, with this seed and the next ones, side by side; each gets a folder s0, s1, ..."""
     resume: bool = False
     """Go on with the interrupted run in the folder."""
     overwrite: bool = False
@@ -66,6 +68,8 @@ class Run:
         """
         if not 0 <= self.seed < 2**31:
             raise InvalidInputError("seed", self.seed, "an integer from 0 to 2^31 - 1")
+        if self.seeds < 1:
+            raise InvalidInputError("seeds", self.seeds, "a positive number")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"
@@ -166,11 +170,19 @@ def begin(words: Sequence[str]) -> None:
 
 def command() -> str:
     """The command line, but for where its results go."""
-    words = [word for word in _words if not word.startswith("--out=")]
-    if "--out" in words:
-        at = words.index("--out")
-        del words[at : at + 2]
-    return "python -m train " + shlex.join(words)
+    return "python -m train " + shlex.join(words_without(_words, "--out"))
+
+
+def words_without(words: Sequence[str], *options: str) -> list[str]:
+    """A command line without some options and their values."""
+    kept: list[str] = []
+    skip = False
+    for word in words:
+        if skip or word.partition("=")[0] in options:
+            skip = not skip and "=" not in word
+        else:
+            kept.append(word)
+    return kept
 
 
 def _version(name: str) -> str | None:

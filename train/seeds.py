@@ -1,0 +1,106 @@
+"""Several runs that differ in their seed only, side by side, and how much that makes."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import io
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from evaluate.engine import Engine
+from evaluate.journal import write_atomically
+from evaluate.progress import progress
+from snake_env.model_file import read_model
+from train.curves import draw_curves
+from train.run import begin, words_without
+from train.validation import quality
+
+_FIGURES = {
+    "raw_success": ("raw success", "{:.2%}"),
+    "raw_time_s": ("time [s]", "{:.2f}"),
+    "shielded_success": ("shielded success", "{:.2%}"),
+    "shielded_time_s": ("time [s] ", "{:.2f}"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Seed:
+    """One of the runs: the command, its options and the words that they came from."""
+
+    command: str
+    options: Any
+    words: list[str]
+
+
+def train_seeds(command: str, options: Any, words: Sequence[str], console: Console) -> None:
+    """Trains ``options.run.seeds`` runs; each has a folder of its own below that of all.
+
+    Args:
+        command: What learns.
+        options: The command's options.
+        words: The command line that they came from.
+        console: Where progress and the spread are shown.
+    """
+    folder = options.run.folder(f"{command}-{options.robot.preset}-seeds")
+    shared = words_without(words, "--seeds", "--seed", "--out")
+    runs = []
+    for seed in range(options.run.seed, options.run.seed + options.run.seeds):
+        out = folder / f"s{seed}"
+        begun = (out / "run.json").is_file()
+        resume = options.run.resume and begun  # some may not have been begun
+        run = dataclasses.replace(options.run, seed=seed, seeds=1, out=out, resume=resume)
+        own = dataclasses.replace(options, run=run, engine=Engine(workers=1))
+        runs.append(_Seed(command, own, [*shared, "--seed", str(seed)]))
+    folder.mkdir(parents=True, exist_ok=True)
+    label = f"{command}, {len(runs)} seeds"
+    with (
+        progress(console, len(runs), "runs") as advance,
+        closing(options.engine.map(_train, runs)) as finished,
+    ):
+        for name in finished:
+            advance(label, 1)
+            console.print(f"{folder / name}: done", soft_wrap=True)
+    _report(folder, [run.options.run.out for run in runs], console)
+
+
+def _train(seed: _Seed) -> str:
+    """Trains one of the runs, in silence; its folder's name. A run that is done is left alone."""
+    begin(seed.words)
+    module: Any = importlib.import_module(f"train.{seed.command}")
+    module.train(seed.options, Console(file=io.StringIO()))
+    name: str = seed.options.run.out.name
+    return name
+
+
+def _report(folder: Path, runs: Sequence[Path], console: Console) -> None:
+    """Shows what the best models are worth, and keeps it: ``seeds.json``, ``curve.png``."""
+    best = {run.name: validation for run in runs for validation in _validation(run)}
+    if not best:
+        return  # a value network is not validated
+    write_atomically(folder / "seeds.json", json.dumps(best, indent=1) + "\n")
+    draw_curves(runs, folder / "curve.png")
+    table = Table(box=None, title="best models, on tasks of validation-2k", title_justify="left")
+    table.add_column("seed")
+    for title, _ in _FIGURES.values():
+        table.add_column(title, justify="right")
+    ranked = sorted(best, key=lambda name: quality(best[name]), reverse=True)
+    places = {0: "best", len(ranked) // 2: "median", len(ranked) - 1: "worst"}
+    for place, name in enumerate(ranked):
+        figures = [form.format(best[name][key]) for key, (_, form) in _FIGURES.items()]
+        table.add_row(f"{name} {places.get(place, '')}", *figures)
+    console.print(table)
+    console.print(f"learning curves: {folder / 'curve.png'}", soft_wrap=True)
+
+
+def _validation(run: Path) -> Iterator[dict[str, float]]:
+    """What the run's best model achieved, where it was validated."""
+    if (run / "best.safetensors").is_file():
+        yield dict(read_model(run / "best.safetensors").made["validation"])
