@@ -1,4 +1,4 @@
-"""A shield for policies that do not predict: no choice is executed that breaks (22) or (23)."""
+"""A shield for policies that do not predict: it executes nothing that breaks (22), (23) or touches."""
 
 from __future__ import annotations
 
@@ -55,8 +55,9 @@ class ShieldedPolicy:
         return selection.last_resort
 
     def _first_feasible(self, state: SnakeState, modes: ArrayLike) -> int | None:
-        """The first of some modes that is feasible; None where none is."""
+        """The first of some modes that is feasible and lets no links touch; None where none is."""
         candidates = np.asarray(modes)
-        feasible = predict(state, candidates, self._params).feasible
+        prediction = predict(state, candidates, self._params)
         self._spent += len(candidates)
-        return int(candidates[feasible.argmax()]) if feasible.any() else None
+        good = prediction.feasible & (prediction.d_min >= self._params.d_touch)
+        return int(candidates[good.argmax()]) if good.any() else None

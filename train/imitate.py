@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+import tyro
 from rich.console import Console
 
 from agents.checks import check_positive
@@ -19,6 +21,7 @@ from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model, write_model
 from snake_env.network import Network
+from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
 from train.run import Robot, Run, RunFolder, command, value_digest
@@ -42,6 +45,8 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
     """Model file to begin with; default: random weights."""
+    lessons: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
+    """Learn from the judgements that another run has collected, in a single round without playing."""
     rounds: int = 5
     """Rounds of playing and fitting."""
     decisions: int = 262_144
@@ -49,8 +54,8 @@ class Options:
     depth: int = 0
     """Intervals that the teacher searches beyond a mode's end, before it takes the value."""
     overweight: float = 4.0
-    """Keep states in which the student's choice is infeasible (in the first round, those near a
-    deadlock: at most 3 feasible modes) so many times as often as others."""
+    """Keep states in which the student's choice is infeasible so many times as often as others; the
+    first round, in which the teacher plays, keeps all."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -79,12 +84,14 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     begun = None if options.init is None else read_model(options.init).network
+    given = _given(options.lessons, params)
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
         **dataclasses.asdict(options.validation),
         "value": value_digest(params),
         "init": None if options.init is None else str(options.init),
+        "lessons": None if options.lessons is None else str(options.lessons),
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -93,16 +100,18 @@ def train(options: Options, console: Console) -> Path:
     network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else begun
     torch.set_num_threads(1)
     warm_up(params)
-    for number in range(len(rows), options.rounds):
-        label = f"round {number + 1} of {options.rounds}"
-        _play(options, number, network, params, folder.path, label, console)
+    rounds = 1 if given else options.rounds
+    for number in range(len(rows), rounds):
+        label = f"round {number + 1} of {rounds}"
+        if not given:
+            _play(options, number, network, params, folder.path, label, console)
         network, figures = fit(
             network,
-            [_read(folder.path, k) for k in range(number + 1)],
+            given or [_read(_lessons(folder.path, k)) for k in range(number + 1)],
             options.fit,
             params.n_joints,
             seed=options.run.seed + 1000 * number,
-            last=number + 1 == options.rounds,
+            last=number + 1 == rounds,
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
@@ -148,7 +157,7 @@ def _play(
             teacher="lookahead",
             depth=options.depth,
             student=network,
-            overweight=options.overweight,
+            overweight=1.0 if network is None else options.overweight,
             mirrored=False,
             params=params,
         )
@@ -161,7 +170,7 @@ def _play(
             advance(label, _PART)
     collected.sort(key=lambda pair: pair[0])
     np.savez(
-        folder / f"lessons-{number}.npz",
+        _lessons(folder, number),
         observations=np.concatenate([lesson.observations for _, lesson in collected]),
         cost=np.concatenate([lesson.cost for _, lesson in collected]),
     )
@@ -171,6 +180,30 @@ def _kept(path: Path, number: int) -> Path:
     return path / f"round-{number}.safetensors"
 
 
-def _read(path: Path, number: int) -> Lessons:
-    with np.load(path / f"lessons-{number}.npz") as file:
+def _lessons(path: Path, number: int) -> Path:
+    return path / f"lessons-{number}.npz"
+
+
+def _read(path: Path) -> Lessons:
+    with np.load(path) as file:
         return Lessons(file["observations"], file["cost"])
+
+
+def _given(run: Path | None, params: SnakeParams) -> list[Lessons]:
+    """The lessons of another run; none without one.
+
+    Raises:
+        InvalidInputError: There are none, or they are those of other robots.
+    """
+    if run is None:
+        return []
+    paths = sorted(run.glob("lessons-*.npz"))
+    if not paths:
+        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
+    try:
+        parts = [_read(path) for path in paths]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InvalidInputError("lessons", str(run), f"undamaged lessons ({error})") from None
+    if parts[0].observations.shape[1] != observation_size(params.n_joints):
+        raise InvalidInputError("lessons", str(run), f"those of {params.n_joints} joints")
+    return parts
