@@ -104,10 +104,14 @@ def evaluate(options: Options) -> int:
         f"{sum(len(s.tasks) for s in shards)} episodes in {time.monotonic() - began:.1f} s"
     )
     if options.out is not None:
+        rows = {name: store.rows(name) for name in options.policies}
         if not options.no_pictures:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
+            from evaluate.report import write_report
 
             draw_all(options.out, options.policies, store, params)
+            page = write_report(options.out, options.policies, rows, summary, params, suite)
+            console.print(f"report: {page}", soft_wrap=True)
         console.print(f"results: {options.out}/", soft_wrap=True)
     return 0
 

@@ -43,13 +43,13 @@ class Options:
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for summary.json, episodes.csv and pictures; nothing is written without it."""
+    """Folder for report.html, summary.json, episodes.csv, pictures: nothing is written without it."""
     overwrite: bool = False
     """Replace the results in --out."""
     resume: bool = False
     """Go on with the interrupted run in --out."""
     no_pictures: bool = False
-    """Only write the figures."""
+    """Only write summary.json and episodes.csv."""
     engine: Engine = field(default_factory=Engine)
 
     def check(self) -> SnakeParams:
