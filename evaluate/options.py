@@ -50,6 +50,9 @@ class Options:
     """Go on with the interrupted run in --out."""
     no_pictures: bool = False
     """Only write summary.json and episodes.csv."""
+    video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
+    """Also write videos into --out, the first policy beside the fastest other: of these tasks (sim-1 or
+    numbers), or default: sim-1, the median task, the slowest. MP4 with the extra video, else GIF."""
     engine: Engine = field(default_factory=Engine)
 
     def check(self) -> SnakeParams:
@@ -65,6 +68,8 @@ class Options:
                 raise InvalidInputError("POLICY", name, "each policy once")
         if self.out is None and (self.overwrite or self.resume):
             raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
+        if self.out is None and self.video:
+            raise InvalidInputError("out", None, "a folder, to go with --video")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         params = SnakeParams.preset(self.preset, **parse_overrides(self.set))

@@ -43,8 +43,8 @@ document.querySelector("#theme").addEventListener("click", () => {
 
 const chosen = document.querySelector("#figure-4");
 chosen.addEventListener("change", () => {
-  for (const panel of document.querySelectorAll("[data-figure-4]")) {
-    panel.hidden = panel.dataset.figure4 !== chosen.value;
+  for (const panel of document.querySelectorAll("[data-tasks-of]")) {
+    panel.hidden = panel.dataset.tasksOf !== chosen.value;
   }
 });
 
