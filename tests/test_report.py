@@ -181,11 +181,21 @@ def test_sentences__of_the_comparisons_are_the_headlines() -> None:
         "reference": "analytic",
         "policy": "random",
         "sentence": "random is < analytic.",
+        "only_policy": 0,
+        "only_reference": 4,
+        "mcnemar_p_holm": 0.125,
+        "common": 2,
         "time_ratio": {"mean": 2.5, "low": 2.0, "high": 3.0},
+        "wilcoxon_p_holm": 0.0001,
+        "restricted_time_difference_s": {"mean": 200.0, "low": -1.0, "high": 260.0},
     }
     outline = Outline(page_of(rows, comparisons=[comparison]))
     assert "random is < analytic." in outline.text
-    assert outline.rows("random")[0][8] == "2.500"
+    result, pair = outline.rows("random")[:2]
+    assert result[8] == "2.500"
+    assert pair[1:4] == ["0", "4", "0.125"]
+    assert pair[4:8] == ["2", "2.500 (2.000 to 3.000)", "\u2013", "<\u2009.001"]
+    assert pair[8:] == ["200.0 (\u22121.0 to 260.0)", "\u2013"]
     alone = Outline(page_of(rows, comparisons=[{**comparison, "time_ratio": None}]))
     assert alone.rows("random")[0][8] == "\u2013"
 

@@ -215,7 +215,7 @@ def latency_chart(entries: Sequence[Entry], paper: bool) -> Markup:
     if paper:
         x = scale(_PAPER_LATENCY_MS)
         axis.append(tag("line", x1=x, x2=x, y1=28.0, y2=210.0, class_="limit"))
-        axis.append(tag("text", "paper 0.15 s", x=x - 5, y=40.0, text_anchor="end"))
+        axis.append(tag("text", "paper 0.15 s", x=x - 5, y=204.0, text_anchor="end"))
     places = [(entry, scale(max(1e-3, _latency_ms(entry, "p50") or 0.0))) for entry in known]
     tails = {
         entry.name: scale(max(1e-3, _latency_ms(entry, "p95") or 0.0)) for entry in known

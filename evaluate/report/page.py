@@ -69,6 +69,7 @@ def render(
         has_skid=SKID in policies,
         legend=[(entry.name, svg.key(entry.style)) for entry in compared],
         charts=_charts(compared, rows, like_paper),
+        pairs=_pairs(summary),
         failures=_failures(policies, rows, params),
         replayed={episode["name"] for episode in replays["episodes"]},
         replays=_json(replays),
@@ -114,8 +115,49 @@ def _ratio(
 
 def _headlines(entries: Sequence[Entry], summary: Mapping[str, Any]) -> list[str]:
     """What was found, in sentences."""
-    told = [comparison["sentence"] for comparison in summary.get("comparisons") or ()]
+    told = [comparison["sentence"] for comparison in _comparisons(summary)]
     return told or [_headline(entry) for entry in entries]
+
+
+def _comparisons(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The comparisons with the first policy, but for skidding, which does something else."""
+    known = summary.get("comparisons") or ()
+    return [comparison for comparison in known if comparison["policy"] != SKID]
+
+
+def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The comparisons as rows of texts."""
+    return [
+        {
+            "policy": comparison["policy"],
+            "only_policy": str(comparison["only_policy"]),
+            "only_reference": str(comparison["only_reference"]),
+            "mcnemar": _p_value(comparison.get("mcnemar_p_holm")),
+            "common": str(comparison["common"]),
+            "ratio": _estimate(comparison.get("time_ratio"), 3),
+            "difference": _estimate(comparison.get("time_difference_s"), 1),
+            "wilcoxon": _p_value(comparison.get("wilcoxon_p_holm", comparison.get("wilcoxon_p"))),
+            "restricted": _estimate(comparison.get("restricted_time_difference_s"), 1),
+            "improvement": _estimate(comparison.get("probability_of_improvement"), 2),
+        }
+        for comparison in _comparisons(summary)
+    ]
+
+
+def _p_value(p: float | None) -> str:
+    if p is None:
+        return _DASH
+    return "<\u2009.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _estimate(interval: Mapping[str, float] | None, digits: int) -> str:
+    """A value with its 95 % interval."""
+    if interval is None:
+        return _DASH
+    mean, low, high = (
+        f"{interval[key]:.{digits}f}".replace("-", "\u2212") for key in ("mean", "low", "high")
+    )
+    return f"{mean} ({low} to {high})"
 
 
 def _headline(entry: Entry) -> str:
