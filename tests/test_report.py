@@ -313,7 +313,8 @@ def test_choice__is_typical_then_failures_then_disagreements() -> None:
     assert failures[0].why == "two: deadlock in phase 4"
     assert {failures[0].left, failures[0].right} == {"two", "three"} or failures[0].left == "one"
     apart = [choice for choice in others if choice.group == "Disagreements"]
-    assert 5 <= len(apart) <= DISAGREEMENTS
+    assert len(apart) == DISAGREEMENTS
+    assert len({choice.task for choice in chosen}) == len(chosen)
     assert {choice.right for choice in apart} == {"two", "three"}  # they take turns
     assert all(choice.left == "one" for choice in apart)
     two = [choice for choice in apart if choice.right == "two"]

@@ -47,13 +47,9 @@ def choose(
     tables = {policy: {row["task"]: row for row in rows[policy]} for policy in policies}
     choosing = [policy for policy in policies if policy != SKID] or list(policies)
     chosen: dict[int, Choice] = {}
-    for choice in (
-        *_typical(choosing, tables),
-        *_failures(choosing, tables),
-        *_disagreements(choosing, tables, params),
-    ):
+    for choice in (*_typical(choosing, tables), *_failures(choosing, tables)):
         chosen.setdefault(choice.task, choice)
-    return list(chosen.values())
+    return [*chosen.values(), *_disagreements(choosing, tables, params, set(chosen))]
 
 
 Tables = Mapping[str, Mapping[int, Row]]
@@ -90,21 +86,12 @@ def _failures(policies: Sequence[str], tables: Tables) -> Iterator[Choice]:
 
 
 def _disagreements(
-    policies: Sequence[str], tables: Tables, params: SnakeParams
+    policies: Sequence[str], tables: Tables, params: SnakeParams, taken: set[int]
 ) -> Iterator[Choice]:
     """Each policy's largest differences from the first in time, the policies taking turns."""
     first, *others = policies
-
-    def time_s(policy: str, task: int) -> float:
-        row = tables[policy][task]
-        return float(row["time_s"]) if row["outcome"] == "success" else params.horizon_s
-
-    rankings = {}
-    for policy in others:
-        gaps = {task: time_s(policy, task) - time_s(first, task) for task in tables[first]}
-        ranked = sorted(gaps, key=lambda task, gaps=gaps: (-abs(gaps[task]), task))  # type: ignore[misc]
-        rankings[policy] = [(task, gaps[task]) for task in ranked if gaps[task]]
-    taken: set[int] = set()
+    most = len(taken) + DISAGREEMENTS
+    rankings = {policy: _gaps(tables[policy], tables[first], params) for policy in others}
     while any(rankings.values()):
         for policy, ranking in rankings.items():
             while ranking and ranking[0][0] in taken:
@@ -115,8 +102,23 @@ def _disagreements(
             taken.add(task)
             word = "slower" if gap > 0 else "faster"
             yield Choice(task, "Disagreements", f"{policy}: {abs(gap):.0f} s {word}", first, policy)
-            if len(taken) == DISAGREEMENTS:
+            if len(taken) == most:
                 return
+
+
+def _gaps(
+    own: Mapping[int, Row], first: Mapping[int, Row], params: SnakeParams
+) -> list[tuple[int, float]]:
+    """Tasks with how much longer they take than by the first policy, the largest gap first.
+
+    A failure takes the whole horizon.
+    """
+
+    def time_s(row: Row) -> float:
+        return float(row["time_s"]) if row["outcome"] == "success" else params.horizon_s
+
+    gaps = [(task, time_s(own[task]) - time_s(first[task])) for task in first]
+    return sorted((g for g in gaps if g[1]), key=lambda g: (-abs(g[1]), g[0]))
 
 
 def _ordered(policies: Sequence[str], one: str, other: str) -> tuple[str, str]:

@@ -91,14 +91,23 @@ class Player {
     this.box = boxOf(runs, this.target, this.robot);
     this.controls.scrub.max = this.span;
     for (const { run, outcome, select, traces } of this.sides) {
-      const phase = run.phases.length ? ` in phase ${run.lastPhase}` : "";
-      const ending = run.outcome.replace("_", " ") + phase;
-      outcome.textContent = `${run.solved ? "target reached" : ending}, ${run.end.toFixed(1)} s`;
+      outcome.textContent = `${this.ending(run)}, ${run.end.toFixed(1)} s`;
       outcome.title = run.error;
-      traces.name(this.policies[select.value]);
       outcome.classList.toggle("failed", !run.solved);
+      traces.name(this.policies[select.value]);
     }
     this.redraw();
+  }
+
+  /** How a run ended, in words. */
+  ending(run) {
+    if (run.w) {
+      const [x, y] = run.at(run.end).w.map((value, k) => value - this.robot.w_d[k]);
+      return `${run.outcome}: head off by ${Math.hypot(x, y).toFixed(2)} m`;
+    }
+    if (run.solved) return "target reached";
+    const phase = run.phases.length ? ` in phase ${run.lastPhase}` : "";
+    return run.outcome.replace("_", " ") + phase;
   }
 
   decode(policy) {

@@ -17,7 +17,7 @@ from snake_env.state import SnakeState
 from snake_env.tasks import TaskSuite, load_tasks
 
 BUDGET = 2_500_000
-"""Episodes beyond these bytes are left out: the page stays below 5 MB with ten policies on 10,000 tasks."""
+"""Episodes beyond these bytes are left out: ten policies on 10,000 tasks then stay below 5 MB."""
 SIM_1 = "sim-1"
 
 
