@@ -155,7 +155,8 @@ def test_results__say_what_the_summary_says(page: str) -> None:
     assert analytic[1:4] == ["6/6", "100.0", "61.0\u2013100.0"]
     assert analytic[4:9] == ["33", "39", "39.5", "51", "1.000"]
     assert analytic[9:11] == ["0.282", "1.534"]
-    assert analytic[-4:] == ["1230.0", "1.05", "1.91", "\u2013"]  # no p99 is known here
+    figures = summary_of({"analytic": rows_of("analytic")})["policies"]["analytic"]
+    assert analytic[-4:-1] == [f"{figures['rollouts_per_decision']:.1f}", "1.05", "1.91"]  # [ms]
     (skidding,) = outline.rows("skid")
     assert skidding[1] == "6/6"
     assert skidding[8] == "\u2013"  # its times compare with nobody's
@@ -189,8 +190,10 @@ def test_sentences__of_the_comparisons_are_the_headlines() -> None:
         "wilcoxon_p_holm": 0.0001,
         "restricted_time_difference_s": {"mean": 200.0, "low": -1.0, "high": 260.0},
     }
-    outline = Outline(page_of(rows, comparisons=[comparison]))
+    seeds = {"x-s*": {"sentence": "Seeds differ & vary."}}
+    outline = Outline(page_of(rows, comparisons=[comparison], seeds=seeds))
     assert "random is < analytic." in outline.text
+    assert "Seeds differ & vary." in outline.text
     result, pair = outline.rows("random")[:2]
     assert result[8] == "2.500"
     assert pair[1:4] == ["0", "4", "0.125"]
@@ -264,6 +267,14 @@ def test_replays__begin_with_what_is_typical(page: str) -> None:
     assert len(names) == len(set(names))
     for episode in episodes:
         assert "skid" not in (POLICIES[episode["left"]], POLICIES[episode["right"]])
+
+
+def test_policies__that_are_gone_leave_simulation_1_out() -> None:
+    assert replays.sim_1(["analytic", "no/such/model.safetensors"], PAPER, SUITE) == []
+    assert replays.sim_1(["analytic"], PAPER, load_tasks("sim-1", PAPER)) == []
+    (episode,) = replays.sim_1(["skid", "analytic"], PAPER, SUITE)
+    assert (episode.choice.left, episode.choice.right) == ("analytic", "analytic")
+    assert episode.rows["analytic"]["time_s"] == 36.0
 
 
 def test_replays__are_left_out_beyond_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ def render(
         for style, name in enumerate(policies)
     ]
     compared = [entry for entry in entries if entry.name != SKID] or entries
-    like_paper = summary["params"] == dataclasses.asdict(SnakeParams())
+    like_paper = params == SnakeParams()
     replays = data(policies, episodes, params)
     environment = Environment(
         loader=FileSystemLoader(_HERE),
@@ -115,7 +115,8 @@ def _ratio(
 
 def _headlines(entries: Sequence[Entry], summary: Mapping[str, Any]) -> list[str]:
     """What was found, in sentences."""
-    told = [comparison["sentence"] for comparison in _comparisons(summary)]
+    seeds = (summary.get("seeds") or {}).values()
+    told = [entry["sentence"] for entry in (*_comparisons(summary), *seeds)]
     return told or [_headline(entry) for entry in entries]
 
 

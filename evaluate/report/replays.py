@@ -11,7 +11,7 @@ from typing import Any
 from evaluate.protocol import SKID, Row, Shard, run_shard
 from evaluate.report.episodes import Choice, choose, fastest_other
 from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
-from snake_env.errors import InvalidInputError
+from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.state import SnakeState
 from snake_env.tasks import TaskSuite, load_tasks
@@ -39,14 +39,19 @@ class Replayed:
 
 
 def sim_1(policies: Sequence[str], params: SnakeParams, suite: TaskSuite) -> list[Replayed]:
-    """The paper's first simulation by every policy, if this robot can have its shapes."""
+    """The paper's first simulation by every policy.
+
+    There is none if it is among the tasks, if this robot can't have its shapes, or if a policy is not
+    at hand any more: results may be older than the file that it came from.
+    """
     if suite.name == SIM_1:
-        return []  # it is among the tasks
+        return []
     try:
         state = load_tasks(SIM_1, params).initial(0, params)
-    except InvalidInputError:
+        shards = {policy: Shard(policy, [0], [state], params) for policy in policies}
+        rows = {policy: run_shard(shard).rows[0] for policy, shard in shards.items()}
+    except SnakeEnvError:
         return []
-    rows = {policy: run_shard(Shard(policy, [0], [state], params)).rows[0] for policy in policies}
     first = next((policy for policy in policies if policy != SKID), policies[0])
     choosing = [policy for policy in policies if policy != SKID] or list(policies)
     choice = Choice(
