@@ -19,7 +19,7 @@ from evaluate.report.episodes import DISAGREEMENTS, FAILURES_EACH, choose
 from evaluate.report.motion import QUANTUM, decode_angles, frame_steps, motion_of
 from evaluate.report.page import render
 from evaluate.report.replays import collect
-from evaluate.statistics import summarise
+from evaluate.statistics import summarise, wilson95
 from snake_env.params import SnakeParams
 from snake_env.skid import skid
 from snake_env.tasks import TaskSuite, load_tasks, random_suite
@@ -446,6 +446,52 @@ def test_profile__rises_to_the_share_of_solved_tasks() -> None:
     bottom, top = 234.0, 28.0
     shares = {style: (bottom - y) / (bottom - top) for style, y in tops.items()}
     assert shares == pytest.approx({0: 1.0, 1: 39 / 40, 2: 0.5}, abs=0.002)
+
+
+def _entry(
+    style: int, solved: int, ratio: dict[str, float] | None, p50: float = 1e3
+) -> charts.Entry:
+    figures = {
+        "success_rate": solved / 100,
+        "wilson95": wilson95(solved, 100),
+        "rollouts_per_decision": 10.0 * style,
+        "decision_latency_us": {"p50": p50, "p95": 2 * p50},
+    }
+    return charts.Entry(f"policy {style}", style, figures, ratio)
+
+
+def test_charts__point_to_what_lies_beyond_their_axes() -> None:
+    entries = [
+        _entry(0, 99, {"mean": 1.0}),
+        _entry(1, 97, {"mean": 0.9, "low": 0.8, "high": 1.1}),
+        _entry(2, 20, {"mean": 3.0, "low": 2.0, "high": 4.0}),
+        _entry(3, 98, None),
+    ]
+    for chart, shown in (
+        (charts.success_chart(entries, None), 3),
+        (charts.ratio_chart(entries), 2),
+        (charts.time_cost_chart(entries), 2),
+        (charts.rollouts_chart(entries), 3),
+        (charts.latency_chart(entries, paper=False), 3),
+    ):
+        arrows = re.findall(r'hue-(\d)"><g transform="rotate', chart)
+        assert arrows == ["2"]
+        assert chart.count("marker") == shown + len(arrows)
+    assert "95 % 0.800 to 1.100" in charts.ratio_chart(entries)
+
+
+def test_charts__of_poor_policies_leave_none_out() -> None:
+    entries = [_entry(0, 30, {"mean": 1.0}), _entry(1, 20, {"mean": 3.0})]
+    assert "rotate" not in charts.success_chart(entries, None) + charts.ratio_chart(entries)
+
+
+def test_latencies__are_in_milliseconds_beside_the_papers() -> None:
+    entries = [_entry(0, 99, None, p50=1e3), _entry(1, 99, None, p50=150e3)]
+    chart = charts.latency_chart(entries, paper=True)
+    assert "paper 0.15 s" in chart
+    (limit,) = re.findall(r'<line x1="([\d.]+)" x2="\1" y1="28" y2="210" class="limit"', chart)
+    places = re.findall(r"translate\(([\d.]+) [\d.]+\)", chart)
+    assert float(places[1]) == float(limit) > float(places[0])
 
 
 def test_short_names__keep_their_end() -> None:

@@ -43,14 +43,14 @@ class Entry:
         name: Its name.
         style: Number of its colour and marker.
         figures: Its entry of ``summary.json``.
-        ratio: Its mean time over the first policy's on the tasks that both solve, with ``low`` and
-            ``high`` where they are known; None if there is no such task.
+        ratio: Its ``mean`` time over the first policy's on the tasks that both solve, with ``low`` and
+            ``high`` where an interval is known; None if there is no such task.
     """
 
     name: str
     style: int
     figures: Mapping[str, Any]
-    ratio: Mapping[str, float | None] | None
+    ratio: Mapping[str, float] | None
 
 
 def short(name: str, room: int = 18) -> str:
@@ -81,12 +81,11 @@ def success_chart(entries: Sequence[Entry], paper: tuple[float, float, float] | 
         parts.append(_row_name(entry.name, y))
         parts.append(tag("text", f"{rate:.1f}", x=right + 10, y=y + 4, class_="value"))
         title = f"{entry.name}: {rate:.1f} %, 95 % {bounds[0]:.1f} to {bounds[1]:.1f} %"
-        if bounds[1] < low:
+        if rate < low:
             parts.append(arrow(_NAME, y, entry.style, title))
             continue
         parts.append(whisker(scale(max(low, bounds[0])), y, scale(bounds[1]), y, entry.style))
-        if rate >= low:
-            parts.append(marker(scale(rate), y, entry.style, title))
+        parts.append(marker(scale(rate), y, entry.style, title))
     return drawing("Success rate of each policy with its 95 % Wilson interval", bottom + 40, parts)
 
 
@@ -104,13 +103,13 @@ def ratio_chart(entries: Sequence[Entry]) -> Markup:
         parts.append(_row_name(entry.name, y))
         if entry.ratio is None:
             continue
-        mean, lower, upper = (entry.ratio.get(key) for key in ("mean", "low", "high"))
-        told = f"{entry.name}: {mean:.3f}"
+        mean, told = entry.ratio["mean"], f"{entry.name}: {entry.ratio['mean']:.3f}"
         parts.append(tag("text", f"{mean:.3f}", x=right + 10, y=y + 4, class_="value"))
         if mean > high:
             parts.append(arrow(right, y, entry.style, told, turn=180))
             continue
-        if lower is not None and upper is not None:
+        if "low" in entry.ratio:
+            lower, upper = entry.ratio["low"], entry.ratio["high"]
             parts.append(whisker(scale(lower), y, scale(min(high, upper)), y, entry.style))
             told += f", 95 % {lower:.3f} to {upper:.3f}"
         parts.append(marker(scale(mean), y, entry.style, told))
@@ -130,9 +129,9 @@ def time_cost_chart(entries: Sequence[Entry]) -> Markup:
         if mean > high:
             parts.append(arrow(x, 30.0, entry.style, told, turn=90, label=f"{mean:.2f}"))
             continue
-        lower, upper = entry.ratio.get("low"), entry.ratio.get("high")
-        if lower is not None and upper is not None:
-            parts.append(whisker(x, y_scale(lower), x, y_scale(min(high, upper)), entry.style))
+        if "low" in entry.ratio:
+            ends = y_scale(entry.ratio["low"]), y_scale(min(high, entry.ratio["high"]))
+            parts.append(whisker(x, ends[0], x, ends[1], entry.style))
         parts.append(marker(x, y_scale(mean), entry.style, told))
     return drawing("Mean time against model roll-outs per decision", 250.0, parts)
 
@@ -141,8 +140,7 @@ def _ratio_range(entries: Sequence[Entry]) -> tuple[float, float]:
     """An axis for ratios of times; policies that mostly fail may lie beyond it."""
     near = [e for e in entries if e.ratio and e.figures["success_rate"] >= _CLOSE_TO_ALL]
     shown = near if len(near) > 1 else [entry for entry in entries if entry.ratio]
-    values = [value for entry in shown for value in entry.ratio.values() if value is not None]
-    values.append(1.0)
+    values = [1.0, *(value for entry in shown for value in entry.ratio.values())]
     margin = 0.1 * (max(values) - min(values)) + 0.01
     return min(values) - margin, max(values) + margin
 
@@ -183,7 +181,7 @@ def rollouts_chart(entries: Sequence[Entry]) -> Markup:
 
 
 def _with_rollouts(entries: Sequence[Entry]) -> list[Entry]:
-    return [entry for entry in entries if entry.figures.get("rollouts_per_decision") is not None]
+    return [entry for entry in entries if entry.figures["rollouts_per_decision"] is not None]
 
 
 def _rollouts_axis(entries: Sequence[Entry]) -> tuple[Scale, list[Markup]]:
@@ -200,10 +198,10 @@ def latency_chart(entries: Sequence[Entry], paper: bool) -> Markup:
         entries: The policies.
         paper: Whether to mark the paper's 0.15 s.
     """
-    known = [e for e in entries if _latency_ms(e, "p50") is not None]
-    times = [_latency_ms(entry, q) or 0.0 for entry in known for q in ("p50", "p95")]
-    times += [_PAPER_LATENCY_MS] if paper else []
-    times = [max(time, 1e-3) for time in times] or [1.0]
+    known = [e for e in entries if e.figures["decision_latency_us"]["p50"] is not None]
+    medians = {entry.name: _latency_ms(entry, "p50") for entry in known}
+    tails = {entry.name: _latency_ms(entry, "p95") for entry in known}
+    times = [*medians.values(), *tails.values(), *([_PAPER_LATENCY_MS] if paper else [])] or [1.0]
     low, high = 0.6 * min(times), 1.7 * max(times)
     scale = logarithmic(low, high, 48.0, WIDTH - 18.0)
     powers = [10.0**k for k in range(-3, 6)]
@@ -216,11 +214,9 @@ def latency_chart(entries: Sequence[Entry], paper: bool) -> Markup:
         x = scale(_PAPER_LATENCY_MS)
         axis.append(tag("line", x1=x, x2=x, y1=28.0, y2=210.0, class_="limit"))
         axis.append(tag("text", "paper 0.15 s", x=x - 5, y=204.0, text_anchor="end"))
-    places = [(entry, scale(max(1e-3, _latency_ms(entry, "p50") or 0.0))) for entry in known]
-    tails = {
-        entry.name: scale(max(1e-3, _latency_ms(entry, "p95") or 0.0)) for entry in known
-    }  # fmt: skip
-    return _cost("Success against time per decision", places, axis, tails)
+    places = [(entry, scale(medians[entry.name])) for entry in known]
+    ends = {name: scale(time) for name, time in tails.items()}
+    return _cost("Success against time per decision", places, axis, ends)
 
 
 def _cost(
@@ -238,10 +234,10 @@ def _cost(
         rate = 100.0 * figures["success_rate"]
         bottom, top = (100.0 * bound for bound in figures["wilson95"])
         told = f"{entry.name}: {rate:.1f} %"
-        if top < low:
+        if rate < low:
             parts.append(arrow(x, 202.0, entry.style, told, turn=-90, label=f"{rate:.0f} %"))
             continue
-        y = y_scale(max(low, rate))
+        y = y_scale(rate)
         if tails is not None:
             tail = line([(x, y), (max(x, tails[entry.name]), y)], "tail")
             parts.append(tag("g", tail, class_=hue(entry.style)))
@@ -288,9 +284,9 @@ def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]
     return kept
 
 
-def _latency_ms(entry: Entry, which: str) -> float | None:
-    value = entry.figures.get("decision_latency_us", {}).get(which)
-    return None if value is None else value / 1e3
+def _latency_ms(entry: Entry, which: str) -> float:
+    """A percentile of the time per decision; at least a microsecond, for the logarithm's sake."""
+    return float(max(entry.figures["decision_latency_us"][which], 1.0)) / 1e3
 
 
 def _row_name(name: str, y: float) -> Markup:

@@ -98,11 +98,11 @@ def _ratio(
     policies: Sequence[str],
     rows: Mapping[str, Sequence[Row]],
     summary: Mapping[str, Any],
-) -> Mapping[str, float | None] | None:
+) -> Mapping[str, float] | None:
     """Mean time over the first policy's, on the tasks that both solve."""
     for comparison in summary.get("comparisons") or ():
         if (comparison["reference"], comparison["policy"]) == (policies[0], name):
-            ratio: Mapping[str, float | None] | None = comparison.get("time_ratio")
+            ratio: Mapping[str, float] | None = comparison.get("time_ratio")
             return ratio
     own, first = (
         {row["task"]: row["time_s"] for row in rows[policy] if row["outcome"] == "success"}
@@ -169,14 +169,14 @@ def _headline(entry: Entry) -> str:
     )
     if figures["time_s"]["median"] is not None:
         text += f", half of them within {figures['time_s']['median']:.0f} s"
-    cost = figures.get("rollouts_per_decision")
+    cost = figures["rollouts_per_decision"]
     return text + (f", for {_number(cost)} roll-outs a decision." if cost is not None else ".")
 
 
 def _cells(entry: Entry) -> dict[str, Any]:
     """A row of the results table: texts."""
     figures, time = entry.figures, entry.figures["time_s"]
-    latency = figures.get("decision_latency_us") or {}
+    latency = figures["decision_latency_us"]
     ratio = (entry.ratio or {}).get("mean") if entry.name != SKID else None
     return {
         "name": entry.name,
@@ -188,8 +188,8 @@ def _cells(entry: Entry) -> dict[str, Any]:
         "ratio": _number(ratio, 3),
         "d_min": _number(figures["d_min"], 3),
         "max_abs_phi": _number(figures["max_abs_phi"], 3),
-        "head": _number(figures.get("head_error_m"), 2),
-        "rollouts": _number(figures.get("rollouts_per_decision"), 1),
+        "head": _number(figures["head_error_m"], 2),
+        "rollouts": _number(figures["rollouts_per_decision"], 1),
         "latency": [_milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
     }
 
