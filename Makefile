@@ -6,23 +6,34 @@ DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 imitate imitate+shield rando
 LOCK := requirements/lock.txt
 RUN := .venv/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check -c $(LOCK)
+APT := DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq
 INTEROP ?= sb3-contrib torchrl tianshou rllib
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test test-interop check bench clean docs
+.PHONY: help setup demo test browser test-interop check bench clean docs
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: .venv/.dev ## install everything into .venv (the other targets install what they need)
 
-demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, pictures and data in report/
+demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, report/report.html to look at
 	@$(RUN) -m evaluate $(DEMO_ARGS)
 
-test: .venv/.dev ## every test
+test: .venv/.dev browser ## every test
 	@$(RUN) -m pytest -q
+
+# The tests of the report's page drive a Chromium. Where it can't be had they say that they are skipped.
+browser:
+	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
+		if test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
+			echo "installing Chromium for the tests of the report's page, once ..." >&2; \
+			{ $(APT) update && $(APT) install -y chromium; } 2>/dev/null; \
+		fi >/dev/null; \
+		command -v chromium >/dev/null || \
+			echo "no Chromium: the tests of the report's page in a browser will be skipped"; }
 
 # Each example ends by printing what it learned, and fails where it learned nothing.
 test-interop: ## other people's libraries: each learns in a virtual environment of its own

@@ -24,6 +24,7 @@ from evaluate.protocol import Shard, check_policy, run_shard
 from evaluate.statistics import summarise
 from evaluate.store import Store
 from evaluate.table import failure_lines, result_tables
+from evaluate.video import check_wish, write_videos
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
@@ -53,6 +54,8 @@ def evaluate(options: Options) -> int:
     for name in options.policies:
         check_policy(name, params)
     suite = load_tasks(options.tasks, params)
+    if options.video:
+        check_wish(options.video, suite)
     config = {
         "policies": list(options.policies),
         "tasks": {
@@ -104,10 +107,19 @@ def evaluate(options: Options) -> int:
         f"{sum(len(s.tasks) for s in shards)} episodes in {time.monotonic() - began:.1f} s"
     )
     if options.out is not None:
+        rows = {name: store.rows(name) for name in options.policies}
         if not options.no_pictures:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
+            from evaluate.report import write_report
 
             draw_all(options.out, options.policies, store, params)
+            page = write_report(options.out, options.policies, rows, summary, params, suite)
+            console.print(f"report: {page}", soft_wrap=True)
+        if options.video:
+            for path in write_videos(
+                options.out, options.video, options.policies, rows, params, suite
+            ):
+                console.print(f"video: {path}", soft_wrap=True)
         console.print(f"results: {options.out}/", soft_wrap=True)
     return 0
 

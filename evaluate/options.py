@@ -43,13 +43,16 @@ class Options:
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for summary.json, episodes.csv and pictures; nothing is written without it."""
+    """Folder for report.html, summary.json, episodes.csv, pictures: nothing is written without it."""
     overwrite: bool = False
     """Replace the results in --out."""
     resume: bool = False
     """Go on with the interrupted run in --out."""
     no_pictures: bool = False
-    """Only write the figures."""
+    """Only write summary.json and episodes.csv."""
+    video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
+    """Also write videos into --out, the first policy beside the fastest other: of these tasks (sim-1 or
+    numbers), or default: sim-1, the median task, the slowest. MP4 with the extra video, else GIF."""
     engine: Engine = field(default_factory=Engine)
 
     def check(self) -> SnakeParams:
@@ -65,6 +68,8 @@ class Options:
                 raise InvalidInputError("POLICY", name, "each policy once")
         if self.out is None and (self.overwrite or self.resume):
             raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
+        if self.out is None and self.video:
+            raise InvalidInputError("out", None, "a folder, to go with --video")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         params = SnakeParams.preset(self.preset, **parse_overrides(self.set))

@@ -1,9 +1,9 @@
-"""Pictures of an evaluation: the paper's Fig. 4, and its Fig. 5 with a filmstrip for ``sim-1``."""
+"""Pictures to put into a text: the paper's Fig. 4, and its Fig. 5 with a filmstrip for ``sim-1``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from evaluate.protocol import SKID, Row, run_episode
 from evaluate.replay import Replay, replay
-from evaluate.statistics import wilson95
 from evaluate.store import Store
 from snake_env.drawing import (
     BODY,
@@ -46,7 +45,6 @@ _STYLE: dict[str, Any] = {
     "savefig.dpi": 130,
 }
 _FRAMES = 8
-_MARKERS = "osD^vP*X"
 _MARGIN = 0.12  # around the robot [m]
 
 
@@ -57,9 +55,6 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
             file = f"fig4-{file_name(policy)}.png"
             figure_4(policy, store.rows(policy), params).savefig(folder / file)
         choosing = [policy for policy in policies if policy != SKID]
-        if len(choosing) > 1:
-            rows = {policy: store.rows(policy) for policy in choosing}
-            cost_of_decisions(rows).savefig(folder / "cost.png")
         if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
@@ -120,47 +115,6 @@ def figure_4(policy: str, rows: Sequence[Row], params: SnakeParams) -> Figure:
         f"{policy}: {solved.sum()} of {len(rows)} tasks solved (compare Fig. 4 of the paper)",
         x=0.01, ha="left", fontsize=11,
     )  # fmt: skip
-    return figure
-
-
-def cost_of_decisions(rows: Mapping[str, Sequence[Row]]) -> Figure:
-    """Success rate and mean time of policies against the model roll-outs that a decision costs them.
-
-    A policy's mean time is compared with that of the first on the tasks that both solve.
-
-    Args:
-        rows: Each policy's episodes.
-    """
-    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
-    axes = figure.subplots(1, 2)
-    times = {
-        policy: {row["task"]: row["time_s"] for row in own if row["outcome"] == "success"}
-        for policy, own in rows.items()
-    }
-    first = next(iter(rows))
-    for number, (policy, own) in enumerate(rows.items()):
-        color, marker = f"C{number % 10}", _MARKERS[number % len(_MARKERS)]
-        decisions = sum(row["intervals"] + (row["outcome"] == "deadlock") for row in own)
-        rollouts = sum(row["rollouts"] for row in own) / max(1, decisions)
-        rate = len(times[policy]) / len(own)
-        low, high = wilson95(len(times[policy]), len(own))
-        axes[0].errorbar(
-            rollouts, 100 * rate, [[100 * (rate - low)], [100 * (high - rate)]],
-            fmt=marker, ms=6, capsize=2, color=color, label=policy,
-        )  # fmt: skip
-        common = sorted(set(times[policy]) & set(times[first]))
-        if common:
-            ratio = sum(times[policy][t] for t in common) / sum(times[first][t] for t in common)
-            axes[1].plot(rollouts, ratio, marker, ms=6, color=color)
-    titles = ("success rate [%], with 95 % intervals", f"mean time against {first}'s")
-    for ax, title in zip(axes, titles, strict=True):
-        ax.set_xscale("symlog", linthresh=1.0)
-        ax.margins(x=0.1, y=0.1)
-        ax.set_xlim(left=-0.3)
-        ax.grid(alpha=0.25)
-        ax.set_xlabel("model roll-outs per decision")
-        ax.set_title(title)
-    figure.legend(loc="outside right upper", fontsize=8)
     return figure
 
 

@@ -53,7 +53,8 @@ class Store:
             for pattern in (
                 "episodes.csv",
                 "summary.json",
-                "cost.png",
+                "report.html",
+                "video-*.*",
                 "fig4-*.png",
                 "sim-1-*.png",
             ):

@@ -131,8 +131,10 @@ def reference(folder: Path) -> Path:
 
 def test_report__is_complete(report: Path) -> None:
     pictures = {f"fig4-{name}.png" for name in ("analytic", "random", "skid")}
-    pictures |= {"cost.png", "sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
-    assert {path.name for path in report.iterdir()} == {"summary.json", "episodes.csv", *pictures}
+    pictures |= {"sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
+    files = {"report.html", "summary.json", "episodes.csv", *pictures}
+    assert {path.name for path in report.iterdir()} == files
+    assert "random:6:3" in (report / "report.html").read_text(encoding="utf-8")
     for name in pictures:
         with Image.open(report / name) as image:
             assert image.format == "PNG"
@@ -286,7 +288,6 @@ def test_other_constants__reach_the_robot(folder: Path) -> None:
         assert all(int(mode) < 16 for mode in row["modes"].split())  # 1 + 5 + 10 modes
     names = {path.name for path in out.glob("*.png")}
     assert names == {
-        "cost.png",
         "fig4-analytic.png",
         "fig4-first-feasible.png",
     }  # sim-1 has 8 joints
@@ -319,6 +320,7 @@ BAD = {
     "random --out {tmp}/results": r"out = .*results': expected an empty folder",
     "random --out {tmp}/file": r"out = .*file': expected a folder to write to",
     "random --out {tmp}/file/below": r"out = .*below': expected a folder to write to",
+    "random --video 500": r"video = '500': expected default, or a list of sim-1 and tasks from 0",
     "random --overwrite --resume": r"overwrite = True: expected one of --overwrite and --resume",
     "random --resume": r"resume = .*out': expected a folder with an interrupted run",
     "random --resume --out {tmp}/results": r"resume = .*: expected a folder with an interrupted run",

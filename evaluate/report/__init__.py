@@ -1,0 +1,43 @@
+"""The report of an evaluation: ``report.html``, one file that needs and fetches nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from evaluate.journal import write_atomically
+from evaluate.protocol import Row
+from evaluate.report.page import render
+from evaluate.report.replays import collect, sim_1
+from snake_env.params import SnakeParams
+from snake_env.tasks import TaskSuite
+
+FILE = "report.html"
+
+
+def write_report(
+    folder: Path,
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    summary: Mapping[str, Any],
+    params: SnakeParams,
+    suite: TaskSuite,
+) -> Path:
+    """Writes ``report.html``.
+
+    Args:
+        folder: Where to.
+        policies: The policies in their order; the first is the one that others are compared with.
+        rows: Their episodes, by task.
+        summary: What ``summary.json`` holds.
+        params: The constants.
+        suite: The tasks.
+
+    Returns:
+        The file's path.
+    """
+    episodes = [*sim_1(policies, params, suite), *collect(policies, rows, params, suite)]
+    path = folder / FILE
+    write_atomically(path, render(policies, rows, summary, params, episodes))
+    return path

@@ -1,0 +1,302 @@
+"""Fills the page: what ``page.html.jinja`` is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from evaluate.protocol import SKID, Row
+from evaluate.report import charts, paper_figures, svg
+from evaluate.report.charts import Entry
+from evaluate.report.motion import motion_of
+from evaluate.report.replays import SIM_1, Replayed, data
+from evaluate.statistics import wilson95
+from snake_env.params import SnakeParams
+
+_HERE = Path(__file__).parent
+_SCRIPTS = ("robot.js", "traces.js", "player.js", "page.js")
+_PAPER_SUCCESS = (496, 500)  # section V
+_DASH = "\u2013"
+
+
+def render(
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    summary: Mapping[str, Any],
+    params: SnakeParams,
+    episodes: Sequence[Replayed],
+) -> str:
+    """The page as HTML.
+
+    Args:
+        policies: The policies in their order.
+        rows: Their episodes, by task.
+        summary: What ``summary.json`` holds.
+        params: The constants.
+        episodes: What to replay.
+    """
+    entries = [
+        Entry(name, style, summary["policies"][name], _ratio(name, policies, rows, summary))
+        for style, name in enumerate(policies)
+    ]
+    compared = [entry for entry in entries if entry.name != SKID] or entries
+    like_paper = params == SnakeParams()
+    replays = data(policies, episodes, params)
+    environment = Environment(
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html.jinja").render(
+        summary=summary,
+        style=_asset("style.css"),
+        script=Markup("\n").join(_asset(name) for name in _SCRIPTS),
+        headlines=_headlines(compared, summary),
+        table=[_cells(entry) for entry in entries],
+        like_paper=like_paper,
+        paper_interval=_interval(wilson95(*_PAPER_SUCCESS)),
+        has_skid=SKID in policies,
+        legend=[(entry.name, svg.key(entry.style)) for entry in compared],
+        charts=_charts(compared, rows, like_paper),
+        pairs=_pairs(summary),
+        failures=_failures(policies, rows, params),
+        replayed={episode["name"] for episode in replays["episodes"]},
+        replays=_json(replays),
+        frame_s=replays["robot"]["frame_s"],
+        quantum=replays["robot"]["quantum"],
+        any_replay=bool(replays["episodes"]),
+        figure_4=[(name, paper_figures.figure_4(name, rows[name], params)) for name in policies],
+        figure_5=_figure_5(policies, episodes, params),
+        constants=_constants(params),
+        today=date.today().isoformat(),
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup((_HERE / name).read_text(encoding="utf-8"))  # our own file
+
+
+def _json(value: Any) -> Markup:
+    """JSON inside a script element: no text in it can close that element."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))
+
+
+def _ratio(
+    name: str,
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    summary: Mapping[str, Any],
+) -> Mapping[str, float] | None:
+    """Mean time over the first policy's, on the tasks that both solve."""
+    for comparison in summary.get("comparisons") or ():
+        if (comparison["reference"], comparison["policy"]) == (policies[0], name):
+            ratio: Mapping[str, float] | None = comparison.get("time_ratio")
+            return ratio
+    own, first = (
+        {row["task"]: row["time_s"] for row in rows[policy] if row["outcome"] == "success"}
+        for policy in (name, policies[0])
+    )
+    common = own.keys() & first.keys()
+    base = sum(first[task] for task in common)
+    return {"mean": sum(own[task] for task in common) / base} if base > 0 else None
+
+
+def _headlines(entries: Sequence[Entry], summary: Mapping[str, Any]) -> list[str]:
+    """What was found, in sentences."""
+    seeds = (summary.get("seeds") or {}).values()
+    told = [entry["sentence"] for entry in (*_comparisons(summary), *seeds)]
+    return told or [_headline(entry) for entry in entries]
+
+
+def _comparisons(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The comparisons with the first policy, but for skidding, which does something else."""
+    known = summary.get("comparisons") or ()
+    return [comparison for comparison in known if comparison["policy"] != SKID]
+
+
+def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The comparisons as rows of texts."""
+    return [
+        {
+            "policy": comparison["policy"],
+            "only_policy": str(comparison["only_policy"]),
+            "only_reference": str(comparison["only_reference"]),
+            "mcnemar": _p_value(comparison.get("mcnemar_p_holm")),
+            "common": str(comparison["common"]),
+            "ratio": _estimate(comparison.get("time_ratio"), 3),
+            "difference": _estimate(comparison.get("time_difference_s"), 1),
+            "wilcoxon": _p_value(comparison.get("wilcoxon_p_holm", comparison.get("wilcoxon_p"))),
+            "restricted": _estimate(comparison.get("restricted_time_difference_s"), 1),
+            "improvement": _estimate(comparison.get("probability_of_improvement"), 2),
+        }
+        for comparison in _comparisons(summary)
+    ]
+
+
+def _p_value(p: float | None) -> str:
+    if p is None:
+        return _DASH
+    return "<\u2009.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _estimate(interval: Mapping[str, float] | None, digits: int) -> str:
+    """A value with its 95 % interval."""
+    if interval is None:
+        return _DASH
+    mean, low, high = (
+        f"{interval[key]:.{digits}f}".replace("-", "\u2212") for key in ("mean", "low", "high")
+    )
+    return f"{mean} ({low} to {high})"
+
+
+def _headline(entry: Entry) -> str:
+    figures = entry.figures
+    text = (
+        f"{entry.name} solves {figures['success']} of {figures['n']} tasks "
+        f"(95 %: {_interval(figures['wilson95'])} %)"
+    )
+    if figures["time_s"]["median"] is not None:
+        text += f", half of them within {figures['time_s']['median']:.0f} s"
+    cost = figures["rollouts_per_decision"]
+    return text + (f", for {_number(cost)} roll-outs a decision." if cost is not None else ".")
+
+
+def _cells(entry: Entry) -> dict[str, Any]:
+    """A row of the results table: texts."""
+    figures, time = entry.figures, entry.figures["time_s"]
+    latency = figures["decision_latency_us"]
+    ratio = (entry.ratio or {}).get("mean") if entry.name != SKID else None
+    return {
+        "name": entry.name,
+        "success": f"{figures['success']}/{figures['n']}",
+        "rate": f"{100 * figures['success_rate']:.1f}",
+        "interval": _interval(figures["wilson95"]),
+        "times": [_number(time[key], 0) for key in ("min", "median")]
+        + [_number(time["mean"], 1), _number(time["max"], 0)],
+        "ratio": _number(ratio, 3),
+        "d_min": _number(figures["d_min"], 3),
+        "max_abs_phi": _number(figures["max_abs_phi"], 3),
+        "head": _number(figures["head_error_m"], 2),
+        "rollouts": _number(figures["rollouts_per_decision"], 1),
+        "latency": [_milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
+    }
+
+
+def _number(value: float | None, digits: int = 1) -> str:
+    if value is None:
+        return _DASH
+    return "0" if value == 0 else f"{value:.{digits}f}"
+
+
+def _milliseconds(value_us: float | None) -> str:
+    if value_us is None:
+        return _DASH
+    value = value_us / 1e3
+    return f"{value:.{2 if value < 10 else 1 if value < 100 else 0}f}"
+
+
+def _interval(bounds: Sequence[float]) -> str:
+    low, high = bounds
+    return f"{100 * low:.1f}{_DASH}{100 * high:.1f}"
+
+
+def _charts(
+    entries: Sequence[Entry], rows: Mapping[str, Sequence[Row]], like_paper: bool
+) -> list[dict[str, Any]]:
+    """The comparison's charts, each with a title and what to see in it."""
+    hits, tasks = _PAPER_SUCCESS
+    paper = (hits / tasks, *wilson95(hits, tasks)) if like_paper else None
+    first = entries[0].name
+    made = [
+        ("Who solves more", "Success rate with its 95 % Wilson interval.",
+         charts.success_chart(entries, paper)),
+        ("Who is done first", "Share of the tasks solved within a time: higher is better.",
+         charts.profile_chart(entries, rows)),
+        ("What a decision costs the model", "Success against model roll-outs per decision.",
+         charts.rollouts_chart(entries)),
+        ("What a decision costs the clock", "Success against the time per decision, on this machine.",
+         charts.latency_chart(entries, like_paper)),
+    ]  # fmt: skip
+    if len(entries) > 1:
+        caption = f"Mean time over that of {first}, on the tasks that both solve"
+        made.insert(
+            1, ("How long it takes", f"{caption}: left is better.", charts.ratio_chart(entries))
+        )
+        made.append(("What time costs", f"{caption}, against roll-outs: low is better.",
+                     charts.time_cost_chart(entries)))  # fmt: skip
+    return [{"title": title, "caption": caption, "svg": chart} for title, caption, chart in made]
+
+
+def _failures(
+    policies: Sequence[str], rows: Mapping[str, Sequence[Row]], params: SnakeParams
+) -> list[dict[str, Any]]:
+    """Failures by policy, cause and phase, with the tasks concerned."""
+    table = []
+    phases = range(1, params.n_joints + 1)
+    for policy in policies:
+        failed = [row for row in rows[policy] if row["outcome"] != "success"]
+        for cause in sorted({row["outcome"] for row in failed}):
+            own = [row for row in failed if row["outcome"] == cause]
+            counts = Counter(row["phase"] for row in own)
+            table.append(
+                {
+                    "policy": policy,
+                    "cause": cause.replace("_", " "),
+                    "counts": [counts[phase] for phase in phases],
+                    "shades": [round(100 * (counts[phase] / len(rows[policy])) ** 0.5)
+                               for phase in phases],
+                    "total": len(own),
+                    "tasks": [row["task"] for row in own],
+                    "error": own[0]["error"],
+                }
+            )  # fmt: skip
+    return table
+
+
+def _figure_5(
+    policies: Sequence[str], episodes: Sequence[Replayed], params: SnakeParams
+) -> dict[str, Any] | None:
+    """sim-1 by the first policy that chooses modes."""
+    choosing = [policy for policy in policies if policy != SKID]
+    found = [episode for episode in episodes if episode.name == SIM_1]
+    if not choosing or not found or not found[0].rows[choosing[0]]["modes"]:
+        return None
+    row, state = found[0].rows[choosing[0]], found[0].state
+    motion = motion_of(row, state, params)
+    error = np.abs(motion.w - params.w_d)
+    off, turned = np.hypot(error[:, 0], error[:, 1]).max(), error[:, 2].max()
+    return {
+        "policy": choosing[0],
+        "charts": paper_figures.figure_5(motion, state.target, params),
+        "time": f"{row['time_s']:.0f}",
+        "head": f"moves by at most {off:.1g} m and turns by at most {turned:.1g} rad"
+        if max(off, turned) > 1e-9
+        else "does not move",
+    }
+
+
+def _constants(params: SnakeParams) -> list[tuple[str, str, bool]]:
+    """Every constant: its name, its value, and whether it differs from the paper's."""
+    usual = dataclasses.asdict(SnakeParams())
+    return [
+        (name, _constant(value), value != usual[name])
+        for name, value in dataclasses.asdict(params).items()
+    ]
+
+
+def _constant(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_constant(part) for part in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,121 @@
+"""The episodes that the page replays, with their data."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from evaluate.protocol import SKID, Row, Shard, run_shard
+from evaluate.report.episodes import Choice, choose, fastest_other
+from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
+from snake_env.errors import SnakeEnvError
+from snake_env.params import SnakeParams
+from snake_env.state import SnakeState
+from snake_env.tasks import TaskSuite, load_tasks
+
+BUDGET = 2_500_000
+"""Episodes beyond these bytes are left out: ten policies on 10,000 tasks then stay below 5 MB."""
+SIM_1 = "sim-1"
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """An episode of every policy.
+
+    Attributes:
+        name: The task: ``sim-1``, or its number.
+        choice: Why it is here, and which policies are shown first.
+        state: Where it begins.
+        rows: How it went, by policy.
+    """
+
+    name: str
+    choice: Choice
+    state: SnakeState
+    rows: Mapping[str, Row]
+
+
+def sim_1(policies: Sequence[str], params: SnakeParams, suite: TaskSuite) -> list[Replayed]:
+    """The paper's first simulation by every policy.
+
+    There is none if it is among the tasks, if this robot can't have its shapes, or if a policy is not
+    at hand any more: results may be older than the file that it came from.
+    """
+    if suite.name == SIM_1:
+        return []
+    try:
+        state = load_tasks(SIM_1, params).initial(0, params)
+        shards = {policy: Shard(policy, [0], [state], params) for policy in policies}
+        rows = {policy: run_shard(shard).rows[0] for policy, shard in shards.items()}
+    except SnakeEnvError:
+        return []
+    first = next((policy for policy in policies if policy != SKID), policies[0])
+    choosing = [policy for policy in policies if policy != SKID] or list(policies)
+    choice = Choice(
+        task=0,
+        group="Typical",
+        why="simulation 1 of the paper",
+        left=first,
+        right=fastest_other(choosing, rows, first),
+    )
+    return [Replayed(SIM_1, choice, state, rows)]
+
+
+def collect(
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    params: SnakeParams,
+    suite: TaskSuite,
+) -> list[Replayed]:
+    """The episodes of the suite that are worth a look."""
+    by_task = {policy: {row["task"]: row for row in rows[policy]} for policy in policies}
+    return [
+        Replayed(
+            name=f"task {choice.task}",
+            choice=choice,
+            state=suite.initial(choice.task, params),
+            rows={policy: by_task[policy][choice.task] for policy in policies},
+        )
+        for choice in choose(policies, rows, params)
+    ]
+
+
+def data(
+    policies: Sequence[str], episodes: Iterable[Replayed], params: SnakeParams
+) -> dict[str, Any]:
+    """What ``player.js`` gets: robot, policies, and as many episodes as :data:`BUDGET` allows."""
+    room = BUDGET
+    kept = []
+    for episode in episodes:
+        entry = _episode(policies, episode, params)
+        room -= len(json.dumps(entry))
+        if room < 0 and kept:
+            break
+        kept.append(entry)
+    names = ("n_joints", "l", "track", "head_contact", "phi_limit", "u_limit", "w_d", "delta_t")
+    constants = dataclasses.asdict(params)
+    robot = {name: constants[name] for name in names}
+    robot |= {"frame_s": frame_steps(params) * params.dt, "quantum": QUANTUM}
+    return {"robot": robot, "policies": list(policies), "episodes": kept}
+
+
+def _episode(policies: Sequence[str], episode: Replayed, params: SnakeParams) -> dict[str, Any]:
+    choice = episode.choice
+    return {
+        "name": episode.name,
+        "group": choice.group,
+        "why": choice.why,
+        "left": policies.index(choice.left),
+        "right": policies.index(choice.right),
+        "target": encode_angles(episode.state.target),
+        "runs": [_run(episode.rows[policy], episode.state, params) for policy in policies],
+    }
+
+
+def _run(row: Row, state: SnakeState, params: SnakeParams) -> dict[str, Any]:
+    modes = [int(mode) for mode in row["modes"].split()]
+    ending = {"outcome": row["outcome"], "phase": row["phase"], "error": row["error"]}
+    return {**ending, "modes": modes, **encode(motion_of(row, state, params), params)}

@@ -1,0 +1,179 @@
+"""Videos of two policies on one task and one clock: MP4 where imageio-ffmpeg is installed, else GIF."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evaluate.protocol import SKID, Row
+from evaluate.report.episodes import Choice, fastest_other
+from evaluate.report.motion import Motion, motion_of
+from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
+from snake_env.drawing import INK, geometry
+from snake_env.errors import InvalidInputError
+from snake_env.params import SnakeParams
+from snake_env.rendering import FRAME_EVERY_S, FRAMES_PER_SECOND, HEIGHT, WIDTH, Painter, Scene
+from snake_env.tasks import TaskSuite
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+DEFAULT = "default"
+"""sim-1, the median task and the slowest one."""
+_STRIP = 32  # pixels above the pictures, for the policies' names
+_MOST_FRAMES = 600  # a longer episode is played faster
+_LAST_S = 2.0  # how long the end is to be seen
+
+
+def check_wish(wish: str, suite: TaskSuite) -> None:
+    """Raises where ``--video`` asks for something that can't be shown.
+
+    Raises:
+        InvalidInputError: It is neither :data:`DEFAULT` nor a list of tasks of the suite.
+    """
+    names = [] if wish == DEFAULT else wish.split(",")
+    for name in names:
+        if name != SIM_1 and not (name.isdecimal() and int(name) < len(suite)):
+            expected = f"{DEFAULT}, or a list of {SIM_1} and tasks from 0 to {len(suite) - 1}"
+            raise InvalidInputError("video", wish, expected)
+
+
+def write_videos(
+    folder: Path,
+    wish: str,
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    params: SnakeParams,
+    suite: TaskSuite,
+) -> list[Path]:
+    """Writes ``video-TASK.mp4`` or ``.gif`` for each task: the first policy, and the fastest other.
+
+    Args:
+        folder: Where to.
+        wish: :data:`DEFAULT`, or tasks with commas between them.
+        policies: The policies in their order.
+        rows: Their episodes, by task.
+        params: The constants.
+        suite: The tasks.
+
+    Returns:
+        The files.
+    """
+    return [
+        _write(folder, episode, params) for episode in _wanted(wish, policies, rows, params, suite)
+    ]
+
+
+def _wanted(
+    wish: str,
+    policies: Sequence[str],
+    rows: Mapping[str, Sequence[Row]],
+    params: SnakeParams,
+    suite: TaskSuite,
+) -> list[Replayed]:
+    first_simulation = sim_1(policies, params, suite)
+    if wish == DEFAULT:
+        episodes = collect(policies, rows, params, suite)
+        return first_simulation + [e for e in episodes if e.choice.group == "Typical"]
+    wanted = []
+    choosing = [policy for policy in policies if policy != SKID] or list(policies)
+    for name in dict.fromkeys(wish.split(",")):
+        if name == SIM_1:
+            wanted += first_simulation
+            continue
+        task = int(name)
+        runs = {p: next(row for row in rows[p] if row["task"] == task) for p in policies}
+        second = fastest_other(choosing, runs, choosing[0])
+        choice = Choice(task, "", "", choosing[0], second)
+        wanted.append(Replayed(f"task {task}", choice, suite.initial(task, params), runs))
+    return wanted
+
+
+def _write(folder: Path, episode: Replayed, params: SnakeParams) -> Path:
+    shown = dict.fromkeys((episode.choice.left, episode.choice.right))
+    motions = {policy: motion_of(episode.rows[policy], episode.state, params) for policy in shown}
+    longest = max(len(motion.phi) for motion in motions.values()) * params.dt
+    every_s = max(FRAME_EVERY_S, longest / _MOST_FRAMES)
+    sides = {
+        policy: _scenes(motion, episode, policy, params, every_s)
+        for policy, motion in motions.items()
+    }
+    painter = Painter(params)
+    for scenes in sides.values():  # one view for all, as wide as it will ever be
+        for scene in scenes:
+            painter.widen(geometry(scene.phi, scene.w, params).outline)
+    count = max(map(len, sides.values()))
+    frames = (_frame(painter, sides, k) for k in range(count))
+    path = folder / f"video-{episode.name.replace(' ', '-')}.gif"
+    if importlib.util.find_spec("imageio_ffmpeg") is not None:
+        path = path.with_suffix(".mp4")
+        _save_mp4(frames, (WIDTH * len(sides), HEIGHT + _STRIP), path)
+        return path
+    palette = painter.quantized([_frame(painter, sides, count // 2)])[0]
+    _save_gif((frame.quantize(palette=palette, dither=0) for frame in frames), count, path)
+    return path
+
+
+def _scenes(
+    motion: Motion, episode: Replayed, policy: str, params: SnakeParams, every_s: float
+) -> list[Scene]:
+    """A scene every ``every_s``, and one at the end."""
+    outcome = episode.rows[policy]["outcome"]
+    last = len(motion.phi) - 1
+    every = max(1, round(every_s / params.dt))
+    ending = "" if outcome == "success" else outcome
+    return [
+        _scene(motion, step, episode, params, ending if step == last else "")
+        for step in [*range(0, last, every), last]
+    ]
+
+
+def _scene(motion: Motion, step: int, episode: Replayed, params: SnakeParams, alarm: str) -> Scene:
+    time = step * params.dt
+    over = step == len(motion.phi) - 1 and not alarm
+    k = min(int(time / params.delta_t + 1e-9), len(motion.phases) - 1)
+    grounded = over or k < 0
+    return Scene(
+        phi=motion.phi[step],
+        w=motion.w[step],
+        target=episode.state.target,
+        lifted=np.zeros(params.n_joints, dtype=np.bool_) if grounded else motion.lifted[k],
+        time=time,
+        caption="target reached" if over else "" if k < 0 else f"phase {motion.phases[k]}",
+        alarm=alarm,
+    )
+
+
+def _frame(painter: Painter, sides: Mapping[str, Sequence[Scene]], k: int) -> Image.Image:
+    """The policies' pictures beside each other; one that is done waits."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    frame = Image.new("RGB", (WIDTH * len(sides), HEIGHT + _STRIP), INK)
+    pen = ImageDraw.Draw(frame)
+    font = ImageFont.load_default(18)
+    for column, (policy, scenes) in enumerate(sides.items()):
+        pen.text((WIDTH * column + 14, _STRIP / 2), policy, fill="white", font=font, anchor="lm")
+        frame.paste(painter.image(scenes[min(k, len(scenes) - 1)]), (WIDTH * column, _STRIP))
+    return frame
+
+
+def _save_gif(frames: Iterator[Image.Image], count: int, path: Path) -> None:
+    durations = [1000 // FRAMES_PER_SECOND] * (count - 1) + [round(1000 * _LAST_S)]
+    first = next(frames)
+    first.save(path, save_all=True, append_images=frames, duration=durations, loop=0)
+
+
+def _save_mp4(frames: Iterable[Image.Image], size: tuple[int, int], path: Path) -> None:
+    import imageio_ffmpeg
+
+    writer = imageio_ffmpeg.write_frames(str(path), size, fps=FRAMES_PER_SECOND, macro_block_size=2)
+    writer.send(None)  # starts it
+    for frame in frames:
+        writer.send(pixels := frame.tobytes())
+    for _ in range(round(_LAST_S * FRAMES_PER_SECOND)):
+        writer.send(pixels)
+    writer.close()
