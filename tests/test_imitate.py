@@ -130,6 +130,38 @@ def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
         np.testing.assert_array_equal(a, b)
 
 
+def test_lessons__of_another_run_teach_without_playing(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "values"
+    words = [*SMALL.split(), "--lessons", str(run), "--learn", "values", "--out", str(out)]
+    assert main(["imitate", *words]) == 0
+    (row,) = log(out)
+    assert float(row["shielded_success"]) > 0.34
+    assert not list(out.glob("lessons-*"))
+    begun = read_model(out / "best.safetensors").network  # what DQN may begin with
+    observations = observe(
+        StateBatch.stack([load_tasks("sim-1", PARAMS).initial(0, PARAMS)]), PARAMS
+    )
+    assert -4.0 < begun(observations).max() < 1.0
+
+
+@pytest.mark.parametrize("damage", ["none", "other robots", "torn"])
+def test_lessons__that_are_no_use_are_refused(
+    damage: str, run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given, words = tmp_path / "given", ["imitate", "--out", str(tmp_path / "run")]
+    given.mkdir()
+    if damage != "none":
+        content = (run / "lessons-0.npz").read_bytes()
+        (given / "lessons-0.npz").write_bytes(content[:5000] if damage == "torn" else content)
+    if damage == "other robots":
+        words += ["--set", "n_joints=6"]
+    assert main([*words, "--lessons", str(given)]) == 2
+    err = capfd.readouterr().err
+    assert err.startswith(f"error: lessons = '{given}'")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
 def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> None:
     assert main(["export", str(run), "--into", str(tmp_path)]) == 0
     model = read_model(tmp_path / "imitate.safetensors")
