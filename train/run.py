@@ -118,7 +118,9 @@ class RunFolder:
         there = about.get("config", {})
         if there != self.config:
             differing = sorted(
-                key for key in {*there, *self.config} if there.get(key) != self.config.get(key)
+                key
+                for key in {*there, *self.config}
+                if there.get(key, self) != self.config.get(key, self)
             )
             expected = f"a run with the same options (these differ: {', '.join(differing)})"
             raise InvalidInputError("resume", str(self.path), expected)
