@@ -1,7 +1,7 @@
 """Several trainings of one method, which differ in their seed: how much of a result is luck.
 
-Model files whose paths differ only in the number of ``-s0/``, ``-s1/``, ... belong together: this is how
-``python -m train`` names its runs.
+Model files whose paths differ only in the number of ``-s0/``, ``-s1/``, ... belong together: this is
+how ``python -m train`` names its runs.
 """
 
 from __future__ import annotations

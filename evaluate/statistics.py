@@ -28,7 +28,7 @@ def summarise(
 
     Args:
         rows: Its episodes, at least one.
-        latencies_us: Durations of its decisions [us].
+        latencies_us: Durations of decisions [us]; none where they were not measured.
         params: The constants.
 
     Returns:
@@ -37,7 +37,7 @@ def summarise(
     solved = [row for row in rows if row["outcome"] == "success"]
     failed = [row for row in rows if row["outcome"] != "success"]
     times = [row["time_s"] for row in solved]
-    decisions = len(latencies_us)
+    decisions = sum(decisions_of(row, params) for row in rows)
     horizon = params.horizon_s
     cost = _known(row["cost_integral"] for row in solved)
     return {
@@ -71,10 +71,17 @@ def summarise(
             sum(row["rollouts"] for row in rows) / decisions if decisions else None
         ),
         "decision_latency_us": {
-            "p50": _or_none(lambda x: np.percentile(x, 50), latencies_us),
-            "p95": _or_none(lambda x: np.percentile(x, 95), latencies_us),
+            f"p{share}": _or_none(lambda x, share=share: np.percentile(x, share), latencies_us)
+            for share in (50, 95, 99)
         },
     }
+
+
+def decisions_of(row: Row, params: SnakeParams) -> int:
+    """How many decisions an episode took: its modes, and the one that found none feasible."""
+    modes: str = row["modes"]
+    unfeasible = row["outcome"] == "deadlock" and row["intervals"] < params.horizon
+    return len(modes.split()) + unfeasible
 
 
 def _known(values: Any) -> list[float]:

@@ -183,7 +183,8 @@ def test_identical_policies__do_not_differ() -> None:
     assert entry["time_ratio"] == {"mean": 1.0, "low": 1.0, "high": 1.0}
     assert entry["probability_of_improvement"] == {"mean": 0.5, "low": 0.5, "high": 0.5}
     assert entry["sentence"] == (
-        "ppo solves exactly the tasks that analytic solves; on the 3 tasks both solve it needs the same time"
+        "ppo solves exactly the tasks that analytic solves; "
+        "on the 3 tasks both solve it needs the same time"
     )
 
 
