@@ -25,7 +25,7 @@ class _Console(Console):
 
 def console() -> Console:
     """Where results are printed: 100 columns where there is no terminal."""
-    return _Console(width=None if sys.stdout.isatty() else 100, highlight=False)
+    return _Console(width=None if sys.stdout.isatty() else 100, highlight=False, emoji=False)
 
 
 def print_results(where: Console, summary: dict[str, Any]) -> None:
