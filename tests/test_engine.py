@@ -99,6 +99,30 @@ def test_map__uses_the_workers(engine: Engine) -> None:
     assert os.getpid() not in pids
 
 
+def test_shards__are_taken_as_workers_become_free() -> None:
+    taken = []
+
+    def shards() -> Iterator[int]:
+        for shard in range(1000):
+            taken.append(shard)
+            yield shard
+
+    results = Engine(workers=2).map(_process, shards())
+    next(results)
+    assert len(taken) < 100
+    results.close()
+
+
+def test_shards__that_fail_to_be_made_are_an_error() -> None:
+    def shards() -> Iterator[int]:
+        yield from range(10)
+        raise InvalidInputError("task", 10, "a task")
+
+    for workers in (1, 2):
+        with pytest.raises(InvalidInputError, match="task = 10"):
+            list(Engine(workers=workers).map(_square, shards()))
+
+
 def test_one_worker__is_the_process_itself() -> None:
     for name in ("local", "ray"):
         own = Engine(engine=name, workers=1)  # type: ignore[arg-type]

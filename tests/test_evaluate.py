@@ -9,6 +9,7 @@ import json
 import os
 import pickle
 import re
+import shutil
 import signal
 import statistics
 import subprocess
@@ -328,6 +329,7 @@ BAD = {
     "random --tasks {tmp}/objects.npz": r"objects\.npz': expected .*pickled objects are never read",
     "random --tasks {tmp}/array.npz": r"array\.npz': expected an \.npz file",
     "random --tasks {tmp}/damaged.npz": r"damaged\.npz': expected an \.npz file",
+    "random --tasks {tmp}/nan.npz": r"phi0\[1\]\[7\] = nan: expected a finite angle",
     "random --tasks {tmp}/limit.npz": r"target\[2\]\[5\] = 1\.6: expected at most phi_limit",
     "random --tasks {tmp}/long.npz": r"phi0 in .*long\.npz = .*\(3, 9\).*: expected .*\(N, 8\)",
     "random --out {tmp}/results": r"out = .*results': expected an empty folder",
@@ -350,6 +352,9 @@ def bad_files(tmp_path: Path) -> Path:
         path.write_text("{}")
     (tmp_path / "pickled.npz").write_bytes(pickle.dumps({"phi0": zeros, "target": zeros}))
     np.savez(tmp_path / "objects.npz", phi0=np.array([[None] * 8]), target=zeros)
+    unknown = zeros.copy()
+    unknown[1, 7] = np.nan
+    np.savez(tmp_path / "nan.npz", phi0=unknown, target=zeros)
     np.savez(tmp_path / "limit.npz", phi0=zeros, target=beyond)
     np.savez(tmp_path / "long.npz", phi0=np.zeros((3, 9)), target=np.zeros((3, 9)))
     with (tmp_path / "array.npz").open("wb") as file:
@@ -521,6 +526,94 @@ def test_run_whose_workers_died__keeps_what_it_has(
     )
     assert [row["task"] for row in _rows(out)] == ["0", "1", "2"]
     assert (out / "episodes.partial.jsonl").is_file()
+
+
+def test_shards_of_many_tasks__give_the_same_rows(
+    report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "_LEAST_SHARDS", 1)
+    monkeypatch.setattr(command, "_MOST_TASKS", 4)
+    monkeypatch.setattr(command, "_take_signals", lambda handler: None)
+    sizes = []
+    monkeypatch.setattr(
+        command, "run_shard", lambda shard: (sizes.append(len(shard.tasks)), run_shard(shard))[1]
+    )
+    arguments = f"analytic random skid --tasks random:6:3 --workers 1 --out {tmp_path / 'out'}"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split(), "--no-pictures"])
+    assert command.main() == 0
+    assert sizes == [4, 2] * 3
+    assert (tmp_path / "out/episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
+
+
+def test_full_disk__ends_the_run_in_one_line_and_keeps_what_is_finished(
+    report: Path, tmp_path: Path
+) -> None:
+    """The system refuses to let a file grow beyond 2 kB, as a full disk would."""
+    out = tmp_path / "out"
+    arguments = f"skid --tasks random:6:3 --no-pictures --no-latency --out {out}".split()
+    limited = (
+        "import resource, sys; from evaluate.__main__ import main; "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, -1)); sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limited, *arguments, "--workers", "1"],
+        cwd=ROOT, text=True, capture_output=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    pattern = (
+        r"error: .*File too large: (\d) finished episodes are in .*: --resume goes on from there"
+    )
+    match = re.fullmatch(pattern, done.stderr.strip())
+    assert match, done.stderr
+    assert 0 < int(match[1]) < 6
+    printed = _good(*arguments, "--resume")
+    assert "6/6" in printed
+    own = [row for row in _rows(report) if row["policy"] == "skid"]
+    assert _rows(out) == own
+
+
+def test_reader_that_goes__ends_the_command_quietly(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = _start("skid", "--tasks", "random:3:3", "--no-pictures", "--out", out)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    assert process.wait(60) == 141
+    assert len(_rows(out)) == 3  # what was finished is there
+
+
+def test_full_disk_behind_stdout__is_told_in_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "evaluate", "skid", "--tasks", "random:2:3"],
+            cwd=ROOT, text=True, stdout=full, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == "error: [Errno 28] No space left on device\n"
+
+
+def test_sentences__are_the_last_that_is_printed(folder: Path, report: Path) -> None:
+    told = [entry["sentence"] for entry in _summary(report)["comparisons"]]
+    assert (folder / "table").read_text().splitlines()[-2:] == told
+
+
+def test_seeds_of_a_method__are_summed_up(tmp_path: Path) -> None:
+    shipped = ROOT / "snake_env" / "pretrained" / "imitate"
+    names = []
+    for seed in range(2):
+        run = tmp_path / f"imitate-s{seed}"
+        run.mkdir()
+        for suffix in (".json", ".safetensors"):
+            shutil.copy(shipped.with_suffix(suffix), (run / "best").with_suffix(suffix))
+        names.append(run / "best.safetensors")
+    printed = _good(
+        "skid", *names, "--tasks", "random:4:3", "--no-latency", "--out", tmp_path / "o"
+    )
+    (name,) = (seeds := _summary(tmp_path / "o")["seeds"])
+    assert name == f"{tmp_path}/imitate-s*/best.safetensors"
+    assert seeds[name]["policies"] == list(map(str, names))
+    assert printed.splitlines()[-1] == seeds[name]["sentence"]
 
 
 class _Failing(FirstFeasiblePolicy):
