@@ -32,7 +32,10 @@ Factories = tyro.conf.UseAppendAction[
 
 @dataclass(frozen=True)
 class Options:
-    """Run policies on the same tasks and compare them."""
+    """Run policies on the same tasks and compare them.
+
+    Finished runs: python -m evaluate compare --help.
+    """
 
     policies: Annotated[
         tuple[str, ...],
