@@ -30,6 +30,7 @@ from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
+from evaluate.terminal import console, print_comparisons
 from snake_env.episode import OUTCOMES
 from snake_env.policies import POLICIES, FirstFeasiblePolicy
 from snake_env.state import SnakeState
@@ -267,6 +268,14 @@ def test_tables__fit_into_80_columns() -> None:
         "max [s]",
     ):
         assert figure in text
+
+
+def test_names__are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """A terminal library may take :100: for a picture and [x] for a style."""
+    print_comparisons(
+        console(), {"comparisons": [{"sentence": "random:100:1 and a[red].npz"}], "seeds": {}}
+    )
+    assert capsys.readouterr().out == "random:100:1 and a[red].npz\n"
 
 
 def test_results__do_not_depend_on_the_workers(folder: Path, report: Path) -> None:
