@@ -1,47 +1,49 @@
-"""Command line: ``python -m evaluate POLICY... [--tasks ...] [--out DIR]``."""
+"""Command line: ``python -m evaluate POLICY... [--tasks ...] [--out DIR]`` and ``compare DIR...``."""
 
 from __future__ import annotations
 
 import dataclasses
-import os
-import platform
-import shlex
 import signal
 import sys
 import threading
 import time
-from contextlib import closing
-from importlib.metadata import version
+from collections.abc import Iterator
+from contextlib import closing, suppress
 from typing import Any
 
 import joblib
 from rich.console import Console
 
+from evaluate.compare import CompareOptions, compare_folders
 from evaluate.engine import WorkerLostError
+from evaluate.latency import measure_latencies
 from evaluate.options import Options, parse
 from evaluate.progress import progress
 from evaluate.protocol import Shard, check_policy, run_shard
-from evaluate.statistics import summarise
 from evaluate.store import Store
-from evaluate.table import failure_lines, result_tables
+from evaluate.summary import build_summary
+from evaluate.terminal import console as make_console
+from evaluate.terminal import exit_code, print_comparisons, print_results
 from evaluate.video import check_wish, write_videos
-from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
-from snake_env.tasks import load_tasks
+from snake_env.tasks import TaskSuite, load_tasks
+
+_MOST_TASKS = 16  # in a shard, so that handing it out costs little beside doing it
+_LEAST_SHARDS = 100  # so that all workers are busy to the end, and a killed run loses little
 
 
 def main() -> int:
     """Runs the command; its exit code."""
-    try:
-        options = parse(Options, "python -m evaluate")
-        return evaluate(options)
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    return exit_code(_command)
+
+
+def _command() -> int:
+    if sys.argv[1:2] == ["compare"]:
+        return compare_folders(
+            parse(CompareOptions, "python -m evaluate compare", sys.argv[2:]), make_console()
+        )
+    return evaluate(parse(Options, "python -m evaluate"))
 
 
 def evaluate(options: Options) -> int:
@@ -51,13 +53,13 @@ def evaluate(options: Options) -> int:
         SnakeEnvError: The options can't be used.
     """
     params = options.check()
-    for name in options.policies:
+    for name in options.names:
         check_policy(name, params)
     suite = load_tasks(options.tasks, params)
     if options.video:
         check_wish(options.video, suite)
     config = {
-        "policies": list(options.policies),
+        "policies": list(options.names),
         "tasks": {
             "name": suite.name,
             "n": len(suite),
@@ -65,62 +67,49 @@ def evaluate(options: Options) -> int:
         },
         "preset": options.preset,
         "params": dataclasses.asdict(params),
+        "decision_timeout_s": options.decision_timeout,
     }
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
     warm_up(params)  # compiled once, before there are workers
-    console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
-    states = [suite.initial(task, params) for task in range(len(suite))]
-    shards = [
-        Shard(name, [task], [state], params)
-        for name in options.policies
-        for task, state in enumerate(states)
-    ]
-    shards = [shard for shard in shards if (shard.policy, shard.tasks[0]) not in store.results]
+    console = make_console()
     _take_signals(signal.default_int_handler)
-    began = time.monotonic()
-    stopped, code = "", 0
+    began, before = time.monotonic(), store.done
+    rows: dict[str, Any] = {}
+    latencies: dict[str, list[float]] = {}
     try:
-        _run(shards, store, options, console)
+        _run(store, suite, params, options, console)
+        rows = {name: store.rows(name) for name in options.names}
+        duration = time.monotonic() - began
+        if not options.no_latency:
+            limit = options.decision_timeout
+            latencies = measure_latencies(rows, suite, params, limit)
+        summary = build_summary(config, rows, latencies, params, options.command)
+        store.write(rows, summary)
     except KeyboardInterrupt:
-        _take_signals(signal.SIG_IGN)  # a worker's may have come before our own
-        stopped, code = "interrupted", 130
-    except WorkerLostError as error:
-        stopped, code = f"error: {error}", 1
-    summary = _summary(options, config, store, params)
-    store.write(options.policies, summary, complete=not stopped)
-    if stopped:
-        done = sum(len(result.rows) for result in store.results.values())
-        kept = (
-            f"in {options.out}: --resume goes on from there" if options.out else "lost (no --out)"
-        )
-        print(f"{stopped}: {done} finished episodes are {kept}", file=sys.stderr)
-        return code
-    for title, table in result_tables(summary):
-        console.print(title, style="bold", soft_wrap=True, markup=False)
-        console.print(table)
-    for line in failure_lines(summary):
-        console.print(line, soft_wrap=True)
-    for name in options.policies:
-        for row in [row for row in store.rows(name) if row["error"]][:1]:
-            console.print(f"{name} raised on task {row['task']}: {row['error']}", soft_wrap=True)
-    console.print(
-        f"{sum(len(s.tasks) for s in shards)} episodes in {time.monotonic() - began:.1f} s"
-    )
+        return _stop("interrupted", 130, store, config, params, options)
+    except BrokenPipeError:
+        raise
+    except (WorkerLostError, OSError) as error:
+        return _stop(f"error: {error}", 1, store, config, params, options)
+    print_results(console, summary)
+    for name in options.names:
+        _print_errors(console, name, rows[name])
+    console.print(f"{store.done - before} episodes in {duration:.1f} s")
     if options.out is not None:
-        rows = {name: store.rows(name) for name in options.policies}
         if not options.no_pictures:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
             from evaluate.report import write_report
 
-            draw_all(options.out, options.policies, store, params)
-            page = write_report(options.out, options.policies, rows, summary, params, suite)
+            draw_all(options.out, options.names, store, params)
+            page = write_report(options.out, options.names, rows, summary, params, suite)
             console.print(f"report: {page}", soft_wrap=True)
         if options.video:
             for path in write_videos(
-                options.out, options.video, options.policies, rows, params, suite
+                options.out, options.video, options.names, rows, params, suite
             ):
                 console.print(f"video: {path}", soft_wrap=True)
         console.print(f"results: {options.out}/", soft_wrap=True)
+    print_comparisons(console, summary)
     return 0
 
 
@@ -131,40 +120,60 @@ def _take_signals(handler: Any) -> None:
             signal.signal(number, handler)
 
 
-def _run(shards: list[Shard], store: Store, options: Options, console: Console) -> None:
+def _shards(
+    store: Store, suite: TaskSuite, params: SnakeParams, options: Options
+) -> Iterator[Shard]:
+    """What is left to do, made when there is a worker for it."""
+    size = max(1, min(_MOST_TASKS, len(suite) // _LEAST_SHARDS))
+    for name in options.names:
+        missing = store.missing(name)
+        for start in range(0, len(missing), size):
+            tasks = missing[start : start + size]
+            states = [suite.initial(task, params) for task in tasks]
+            yield Shard(name, tasks, states, params, options.decision_timeout)
+
+
+def _run(
+    store: Store, suite: TaskSuite, params: SnakeParams, options: Options, console: Console
+) -> None:
     """Runs the shards on the workers; each is stored as it comes."""
+    left = sum(len(store.missing(name)) for name in options.names)
+    shards = _shards(store, suite, params, options)
     with (
-        progress(console, sum(len(shard.tasks) for shard in shards), "episodes") as advance,
-        closing(options.engine.map(_keyed, shards)) as results,
+        progress(console, left, "episodes") as advance,
+        closing(options.engine.map(run_shard, shards)) as results,
     ):
-        for policy, first, result in results:
-            store.add((policy, first), result)
-            advance(policy, len(result.rows))
+        for result in results:
+            store.add(result)
+            advance(result.rows[0]["policy"], len(result.rows))
 
 
-def _keyed(shard: Shard) -> tuple[str, int, Any]:
-    return shard.policy, shard.tasks[0], run_shard(shard)
+def _stop(
+    why: str,
+    code: int,
+    store: Store,
+    config: dict[str, Any],
+    params: SnakeParams,
+    options: Options,
+) -> int:
+    """Ends a run before it is complete: writes what there is, and says so."""
+    _take_signals(signal.SIG_IGN)  # a worker's may have come before our own
+    rows = {name: store.rows(name) for name in options.names}
+    with suppress(OSError):  # on a full disk finished shards have to do
+        summary = build_summary(config, rows, {}, params, options.command, complete=False)
+        store.write(rows, summary, complete=False)
+    kept = f"in {options.out}: --resume goes on from there" if options.out else "lost (no --out)"
+    print(f"{why}: {store.done} finished episodes are {kept}", file=sys.stderr)
+    return code
 
 
-def _summary(
-    options: Options, config: dict[str, Any], store: Store, params: SnakeParams
-) -> dict[str, Any]:
-    policies = {}
-    for name in options.policies:
-        rows = store.rows(name)
-        if rows:
-            policies[name] = summarise(rows, store.latencies(name), params)
-    return {
-        "policies": policies,
-        **{key: config[key] for key in ("tasks", "preset", "params")},
-        "command": "python -m evaluate " + shlex.join(sys.argv[1:]),
-        "versions": {
-            "snake-mode-env": version("snake-mode-env"),
-            "python": platform.python_version(),
-            "numpy": version("numpy"),
-        },
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
-    }
+def _print_errors(console: Console, name: str, rows: Any) -> None:
+    """Says on which task a policy raised first."""
+    raised = [row for row in rows if row["error"]]
+    if raised:
+        more = f" and {len(raised) - 1:,} more" if len(raised) > 1 else ""
+        text = f"{name} raised on task {raised[0]['task']}{more}: {raised[0]['error']}"
+        console.print(text, soft_wrap=True, markup=False)
 
 
 if __name__ == "__main__":

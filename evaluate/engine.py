@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import os
 import re
 import signal
@@ -13,7 +14,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import joblib
 import tyro
@@ -109,7 +110,7 @@ class Engine:
 
         Args:
             work: Called with one shard at a time; it and its results can be pickled.
-            shards: What can be done in any order and anywhere.
+            shards: What can be done in any order and anywhere; taken as workers become free.
 
         Yields:
             Results, as they come: in any order.
@@ -117,31 +118,37 @@ class Engine:
         Raises:
             WorkerLostError: Workers died too often.
         """
-        left = dict(enumerate(shards))
-        if not left:
+        source = iter(shards)
+        first = list(itertools.islice(source, 1))
+        if not first:
             return
-        count = min(self._count(), len(left))
+        count = self._count()
+        first += itertools.islice(source, count - 1)
+        count = min(count, len(first))
+        queue = _Queue(itertools.chain(first, source))
         if count == 1:
-            for number, shard in left.items():
+            for number, shard in queue.take():
                 yield _call(work, number, shard)[1]
+                queue.finish(number)
             return
         losses = 0
-        while left:
+        while not queue.finished:
             parallel = joblib.Parallel(
                 count, backend=self._backend(), return_as="generator_unordered", batch_size=1
             )
-            calls = [joblib.delayed(_call)(work, number, left[number]) for number in left]
+            calls = (joblib.delayed(_call)(work, *numbered) for numbered in queue.take())
             try:
                 with _closing(parallel(calls)) as results:
                     for number, result in results:
-                        del left[number]
+                        queue.finish(number)
                         yield result
             except self._lost() as problem:
                 losses += 1
                 if losses > _LOSSES:
                     reason = str(problem).split("\n", 1)[0]
                     raise WorkerLostError(f"workers died {losses} times: {reason}") from None
-                print(f"a worker died: {len(left)} shards are left for new ones", file=sys.stderr)
+                begun = len(queue.begun)
+                print(f"a worker died: {begun} shards are begun again", file=sys.stderr)
 
     def _count(self) -> int:
         """How many workers there will be."""
@@ -186,6 +193,50 @@ class Engine:
         from ray.exceptions import ObjectLostError, OutOfMemoryError, RayActorError
 
         return (RayActorError, ObjectLostError, OutOfMemoryError)
+
+
+class _Queue(Generic[Shard]):
+    """Shards, numbered and taken one by one, and what has been begun of them.
+
+    joblib takes shards in threads of its own, and a pool that breaks may take some more: what is taken
+    counts as begun until its result is there.
+
+    Attributes:
+        begun: Shards without a result yet, by number.
+    """
+
+    def __init__(self, shards: Iterable[Shard]) -> None:
+        self.begun: dict[int, Shard] = {}
+        self._source = enumerate(shards)
+        self._exhausted = False
+        self._lock = threading.Lock()
+
+    def take(self) -> Iterator[tuple[int, Shard]]:
+        """Shards that were begun before and have no result, then new ones."""
+        with self._lock:
+            again = list(self.begun.items())
+        yield from again
+        while (numbered := self._next()) is not None:
+            yield numbered
+
+    def _next(self) -> tuple[int, Shard] | None:
+        with self._lock:
+            numbered = next(self._source, None)
+            if numbered is None:
+                self._exhausted = True
+            else:
+                self.begun[numbered[0]] = numbered[1]
+            return numbered
+
+    def finish(self, number: int) -> None:
+        """Takes note of a result."""
+        with self._lock:
+            del self.begun[number]
+
+    @property
+    def finished(self) -> bool:
+        """Whether every shard has its result."""
+        return self._exhausted and not self.begun
 
 
 def _expected_cluster(complaints: bytes) -> str:

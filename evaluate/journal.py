@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, TextIO
 
 from snake_env.errors import InvalidInputError
 
@@ -18,22 +21,33 @@ class Journal:
         path: The file.
         config: What decides the results; work that is resumed must have the same.
         resume: Whether to go on with the work in the file; otherwise it begins anew.
+        take: Gets each finished piece that the file held, with a ValueError for one it can't use;
+            default: they are kept in ``entries``.
 
     Attributes:
         entries: The finished pieces that the file held.
 
     Raises:
-        InvalidInputError: There is nothing to resume, or another work.
+        InvalidInputError: There is nothing to resume, another work, or a piece that can't be used.
     """
 
-    def __init__(self, path: Path, config: dict[str, Any], *, resume: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        config: dict[str, Any],
+        *,
+        resume: bool,
+        take: Callable[[Any], None] | None = None,
+    ) -> None:
         self._path = path
         self.entries: list[dict[str, Any]] = []
         header = json.dumps({"config": config})
-        if resume:
-            self._read(header)
-        lines = [header, *(json.dumps(entry) for entry in self.entries)]
-        write_atomically(path, "\n".join(lines) + "\n")
+        if not resume:
+            write_atomically(path, header + "\n")
+            return
+        if not path.is_file():
+            raise InvalidInputError("resume", str(path.parent), "a folder with an interrupted run")
+        self._restore(header, take or self.entries.append)
 
     def append(self, entry: dict[str, Any]) -> None:
         """Takes a finished piece."""
@@ -44,19 +58,30 @@ class Journal:
         """Removes the file: the work is done and its results are elsewhere."""
         self._path.unlink(missing_ok=True)
 
-    def _read(self, header: str) -> None:
-        folder = str(self._path.parent)
-        if not self._path.is_file():
-            raise InvalidInputError("resume", folder, "a folder with an interrupted run")
-        lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
-        if not lines or lines[0] != header:
-            expected = "work with the same policies, tasks, options and constants"
-            raise InvalidInputError("resume", folder, expected)
-        for line in lines[1:]:
-            try:
-                self.entries.append(json.loads(line))
-            except ValueError:
-                continue  # the line that a kill tore off
+    def _restore(self, header: str, take: Callable[[Any], None]) -> None:
+        """Reads the pieces, and writes the file anew without the line that a kill tore off."""
+        with (
+            self._path.open(encoding="utf-8", errors="replace") as lines,
+            atomic_writer(self._path) as whole,
+        ):
+            if lines.readline().rstrip("\n") != header:
+                expected = "work with the same policies, tasks, options and constants"
+                raise InvalidInputError("resume", str(self._path.parent), expected)
+            whole.write(header + "\n")
+            for number, line in enumerate(lines, start=2):
+                try:
+                    entry = json.loads(line)
+                except ValueError:
+                    continue  # it is begun again
+                try:
+                    take(entry)
+                except (ValueError, TypeError, LookupError, AttributeError):
+                    raise InvalidInputError(
+                        f"resume: line {number} of {self._path}",
+                        line.rstrip("\n"),
+                        "a finished piece of this work (--overwrite begins anew)",
+                    ) from None
+                whole.write(line.rstrip("\n") + "\n")
 
 
 def writable_folder(folder: Path) -> None:
@@ -77,12 +102,28 @@ def writable_folder(folder: Path) -> None:
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Writes a file so that a reader sees the old one or the whole new one."""
     data = content.encode() if isinstance(content, str) else content
+    with _replacing(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_writer(path: Path) -> Iterator[TextIO]:
+    """A text file to write to, which takes the place of the old one when it is complete."""
+    with (
+        _replacing(path) as file,
+        io.TextIOWrapper(file, encoding="utf-8", newline="") as text,
+    ):
+        yield text
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
     file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
         "wb", dir=path.parent, delete=False
     )
     try:
         with file:
-            file.write(data)
+            yield file
         os.chmod(file.name, 0o644)
         os.replace(file.name, path)
     except BaseException:

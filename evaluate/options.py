@@ -7,6 +7,7 @@ import inspect
 import io
 import json
 import re
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,9 @@ from typing import Annotated, Any, TypeVar
 
 import tyro
 
+from evaluate.deadline import check_limit
 from evaluate.engine import Engine
+from evaluate.outside import is_outside
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
 
@@ -22,10 +25,17 @@ Assignments = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]
 ]
 
+Factories = tyro.conf.UseAppendAction[
+    Annotated[tuple[str, ...], tyro.conf.arg(metavar="MODULE:FACTORY")]
+]
+
 
 @dataclass(frozen=True)
 class Options:
-    """Run policies on the same tasks and compare them."""
+    """Run policies on the same tasks and compare them.
+
+    Finished runs: python -m evaluate compare --help.
+    """
 
     policies: Annotated[
         tuple[str, ...],
@@ -34,7 +44,10 @@ class Options:
     ]
     """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
     joints at once, wheels skidding), or model files; +shield after one checks its choices; options
-    follow a colon: lookahead:width=16."""
+    follow a colon: lookahead:width=16. The others are compared with the first."""
+    policy: Factories = ()
+    """Your own policy: a module that Python finds, and a factory in it that is called with the
+    constants; may be repeated."""
     tasks: str = "paper-500"
     """paper-500, validation-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and
     target of shape (N, n)."""
@@ -48,6 +61,10 @@ class Options:
     """Replace the results in --out."""
     resume: bool = False
     """Go on with the interrupted run in --out."""
+    decision_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """A decision that takes longer ends its episode with the outcome error."""
+    no_latency: bool = False
+    """Do not measure how long decisions take: then repeated runs write the same summary.json."""
     no_pictures: bool = False
     """Only write summary.json and episodes.csv."""
     video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
@@ -55,17 +72,41 @@ class Options:
     numbers), or default: sim-1, the median task, the slowest. MP4 with the extra video, else GIF."""
     engine: Engine = field(default_factory=Engine)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All policies: the first is what the others are compared with."""
+        return (*self.policies, *self.policy)
+
+    @property
+    def command(self) -> str:
+        """The command, without what has no influence on results."""
+        words = [*self.policies, *(word for name in self.policy for word in ("--policy", name))]
+        words += ["--tasks", self.tasks, "--preset", self.preset]
+        words += [word for assignment in self.set for word in ("--set", assignment)]
+        if self.decision_timeout is not None:
+            words += ["--decision-timeout", str(self.decision_timeout)]
+        return shlex.join(["python", "-m", "evaluate", *words])
+
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
 
         Raises:
             SnakeEnvError: An option's value can't be used, or two options contradict each other.
         """
-        if not self.policies:
-            raise InvalidInputError("POLICY", self.policies, "at least one policy")
-        for position, name in enumerate(self.policies):
-            if name in self.policies[:position]:
+        if not self.names:
+            raise InvalidInputError("POLICY", self.names, "at least one policy")
+        for position, name in enumerate(self.names):
+            if name in self.names[:position]:
                 raise InvalidInputError("POLICY", name, "each policy once")
+        for name in self.policies:
+            if is_outside(name):
+                raise InvalidInputError("POLICY", name, "--policy before MODULE:FACTORY")
+        for name in self.policy:
+            if not is_outside(name):
+                expected = "MODULE:FACTORY, and a module that is not named like a policy"
+                raise InvalidInputError("policy", name, expected)
+        if self.decision_timeout is not None:
+            check_limit(self.decision_timeout)
         if self.out is None and (self.overwrite or self.resume):
             raise InvalidInputError("out", None, "a folder, to go with --overwrite or --resume")
         if self.out is None and self.video:

@@ -12,6 +12,7 @@ import matplotlib.ticker
 import numpy as np
 from matplotlib.figure import Figure
 
+from evaluate.outside import make_policy
 from evaluate.protocol import SKID, Row, run_episode
 from evaluate.replay import Replay, replay
 from evaluate.store import Store
@@ -28,7 +29,6 @@ from snake_env.drawing import (
 )
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.policies import load_policy
 from snake_env.tasks import load_tasks
 
 _STYLE: dict[str, Any] = {
@@ -58,7 +58,7 @@ def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeP
         if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
-            row = run_episode(load_policy(policy, params), state, params, 0, [])
+            row = run_episode(make_policy(policy, params), state, params, 0, [])
             if row["modes"]:
                 played = replay(state, [int(mode) for mode in row["modes"].split()], params)
                 name = file_name(policy)

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from evaluate.deadline import DecisionTimeoutError, within
+from evaluate.outside import in_one_line, make_policy
 from snake_env.episode import Episode, EpisodeSummary
 from snake_env.errors import UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policies import load_policy
 from snake_env.policy import Policy
 from snake_env.simulation import advance, predict
 from snake_env.skid import skid
@@ -33,6 +34,9 @@ COLUMNS = (
 """The keys of a row."""
 
 
+_LONGEST_ERROR = 300  # characters: every row carries one
+
+
 @dataclass(frozen=True)
 class Shard:
     """One policy's episodes on some tasks: the unit of work, the same for any number of workers.
@@ -42,12 +46,14 @@ class Shard:
         tasks: Task ids.
         states: Where each begins.
         params: The constants.
+        decision_timeout_s: What a decision may take [s]; None: any time.
     """
 
     policy: str
     tasks: list[int]
     states: list[SnakeState]
     params: SnakeParams
+    decision_timeout_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,11 +70,11 @@ class ShardResult:
 
 
 def check_policy(name: str, params: SnakeParams) -> None:
-    """Raises what :func:`snake_env.load_policy` would, before any work has been done."""
+    """Raises what :func:`evaluate.outside.make_policy` would, before any work has been done."""
     if name == SKID:
         return
     try:
-        load_policy(name, params)
+        make_policy(name, params)
     except UnknownNameError as error:
         known = [*error.known, SKID] if error.kind == "policy" else error.known
         raise UnknownNameError(error.kind, error.name, known) from None
@@ -78,19 +84,25 @@ def run_shard(shard: Shard) -> ShardResult:
     """Runs a shard's episodes in order."""
     rows: list[Row] = []
     latencies: list[float] = []
-    policy = None if shard.policy == SKID else load_policy(shard.policy, shard.params)
+    policy = None if shard.policy == SKID else make_policy(shard.policy, shard.params)
     for task, state in zip(shard.tasks, shard.states, strict=True):
         if policy is None:
             summary, _ = skid(state, shard.params)
             row = {**dataclasses.asdict(summary), "rollouts": 0, "modes": "", "error": ""}
         else:
-            row = run_episode(policy, state, shard.params, task, latencies)
+            limit = shard.decision_timeout_s
+            row = run_episode(policy, state, shard.params, task, latencies, limit)
         rows.append({"policy": shard.policy, "task": task, **row})
     return ShardResult(rows, latencies)
 
 
 def run_episode(
-    policy: Policy, state: SnakeState, params: SnakeParams, seed: int, latencies: list[float]
+    policy: Policy,
+    state: SnakeState,
+    params: SnakeParams,
+    seed: int,
+    latencies: list[float],
+    decision_timeout_s: float | None = None,
 ) -> Row:
     """Runs one episode.
 
@@ -100,19 +112,21 @@ def run_episode(
         params: The constants.
         seed: For policies that draw random numbers: the task's id.
         latencies: Takes the duration of each decision [us].
+        decision_timeout_s: What a decision may take [s]; None: any time.
 
     Returns:
-        The episode's figures. A policy that raises ends it with the outcome ``error``.
+        The episode's figures. A policy that raises, thinks for too long or chooses a mode that the
+        phase does not allow ends it with the outcome ``error``.
     """
     episode = Episode(state, params)
     modes: list[int] = []
     error = ""
     rollouts_before = policy.rollouts
     try:
-        policy.reset(seed)
+        within(decision_timeout_s, policy.reset, seed)
         while not episode.outcome:
             began = time.perf_counter_ns()
-            mode = policy.select_mode(state)
+            mode = within(decision_timeout_s, policy.select_mode, state)
             latencies.append((time.perf_counter_ns() - began) / 1e3)
             after, prediction = advance(state, mode, params)
             if prediction.violation[0] and not any_feasible(state, params):
@@ -121,15 +135,21 @@ def run_episode(
             modes.append(mode)
             episode.record(after, prediction)
             state = after
-    except Exception as problem:
+    except (Exception, SystemExit, DecisionTimeoutError) as problem:
         episode.end("error")
-        error = f"{type(problem).__name__}: {problem}"
+        error = _told(problem)
     return {
         **dataclasses.asdict(episode.summary()),
         "rollouts": policy.rollouts - rollouts_before,
         "modes": " ".join(map(str, modes)),
         "error": error,
     }
+
+
+def _told(problem: BaseException) -> str:
+    """What went wrong, as a short text that any file can hold."""
+    text = in_one_line(problem).encode(errors="backslashreplace").decode()
+    return text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
 
 
 def any_feasible(state: SnakeState, params: SnakeParams) -> bool:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from evaluate.protocol import Row
 from snake_env.params import SnakeParams
 
 VIOLATIONS = ("stability", "joint_limit", "collision")
+_NEEDED = (
+    *("outcome", "phase", "time_s", "cost_integral", "d_min", "max_abs_phi"),
+    *("head_error_m", "head_error_rad", "rollouts"),
+)
 
 
 def wilson95(successes: int, n: int) -> tuple[float, float]:
@@ -28,58 +33,72 @@ def summarise(
 
     Args:
         rows: Its episodes, at least one.
-        latencies_us: Durations of its decisions [us].
+        latencies_us: Durations of decisions [us]; none where they were not measured.
         params: The constants.
 
     Returns:
         The policy's entry of ``summary.json``; what can't be said is None.
     """
-    solved = [row for row in rows if row["outcome"] == "success"]
-    failed = [row for row in rows if row["outcome"] != "success"]
-    times = [row["time_s"] for row in solved]
-    decisions = len(latencies_us)
-    horizon = params.horizon_s
-    cost = _known(row["cost_integral"] for row in solved)
+    figures = _columns(rows, params)
+    outcome, phase = figures["outcome"], figures["phase"]
+    solved = outcome == "success"
+    times, horizon = figures["time_s"][solved], params.horizon_s
+    decisions = int(figures["decisions"].sum())
+    restricted = np.where(solved, np.minimum(figures["time_s"], horizon), horizon)
     return {
         "n": len(rows),
-        "success": len(solved),
-        "success_rate": len(solved) / len(rows),
-        "wilson95": list(wilson95(len(solved), len(rows))),
+        "success": int(solved.sum()),
+        "success_rate": int(solved.sum()) / len(rows),
+        "wilson95": list(wilson95(int(solved.sum()), len(rows))),
         "time_s": {
             "min": _or_none(np.min, times),
             "median": _or_none(np.median, times),
             "mean": _or_none(np.mean, times),
             "max": _or_none(np.max, times),
         },
-        "restricted_mean_time_s": float(
-            np.mean([*(min(t, horizon) for t in times), *([horizon] * len(failed))])
-        ),
-        "cost_integral": _or_none(np.mean, cost),
-        "d_min": _or_none(np.min, _known(row["d_min"] for row in rows)),
-        "max_abs_phi": _or_none(np.max, [row["max_abs_phi"] for row in rows]),
-        "head_error_m": _or_none(np.mean, [row["head_error_m"] for row in rows]),
-        "head_error_rad": _or_none(np.mean, [row["head_error_rad"] for row in rows]),
-        "violations": sum(row["outcome"] in VIOLATIONS for row in rows),
-        "outcomes": dict(sorted(Counter(row["outcome"] for row in rows).items())),
+        "restricted_mean_time_s": float(restricted.mean()),
+        "cost_integral": _or_none(np.mean, _known(figures["cost_integral"][solved])),
+        "d_min": _or_none(np.min, _known(figures["d_min"])),
+        "max_abs_phi": float(figures["max_abs_phi"].max()),
+        "head_error_m": float(figures["head_error_m"].mean()),
+        "head_error_rad": float(figures["head_error_rad"].mean()),
+        "violations": int(np.isin(outcome, VIOLATIONS).sum()),
+        "outcomes": dict(sorted(Counter(outcome.tolist()).items())),
         "failures_by_phase": {
-            f"{outcome} in phase {phase}": count
-            for (outcome, phase), count in sorted(
-                Counter((row["outcome"], row["phase"]) for row in failed).items()
+            f"{failure} in phase {where}": count
+            for (failure, where), count in sorted(
+                Counter(
+                    zip(outcome[~solved].tolist(), phase[~solved].tolist(), strict=True)
+                ).items()
             )
         },
         "rollouts_per_decision": (
-            sum(row["rollouts"] for row in rows) / decisions if decisions else None
+            int(figures["rollouts"].sum()) / decisions if decisions else None
         ),
         "decision_latency_us": {
-            "p50": _or_none(lambda x: np.percentile(x, 50), latencies_us),
-            "p95": _or_none(lambda x: np.percentile(x, 95), latencies_us),
+            f"p{share}": _or_none(lambda x, share=share: np.percentile(x, share), latencies_us)
+            for share in (50, 95, 99)
         },
     }
 
 
-def _known(values: Any) -> list[float]:
-    return [value for value in values if np.isfinite(value)]
+def _columns(rows: Iterable[Row], params: SnakeParams) -> dict[str, NDArray[Any]]:
+    """What the figures need of the rows, which may be made one by one."""
+    values = [(*(row[name] for name in _NEEDED), decisions_of(row, params)) for row in rows]
+    columns = zip(*values, strict=True)
+    return {name: np.array(own) for name, own in zip((*_NEEDED, "decisions"), columns, strict=True)}
 
 
-def _or_none(statistic: Any, values: Sequence[float]) -> float | None:
+def decisions_of(row: Row, params: SnakeParams) -> int:
+    """How many decisions an episode took: its modes, and the one that found none feasible."""
+    modes: str = row["modes"]
+    unfeasible = row["outcome"] == "deadlock" and row["intervals"] < params.horizon
+    return len(modes.split()) + unfeasible
+
+
+def _known(values: NDArray[Any]) -> NDArray[Any]:
+    return values[np.isfinite(values)]
+
+
+def _or_none(statistic: Any, values: Sequence[float] | NDArray[Any]) -> float | None:
     return float(statistic(values)) if len(values) else None

@@ -7,18 +7,24 @@ at worst one torn last line there, which is dropped when the run is resumed.
 from __future__ import annotations
 
 import csv
-import io
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from evaluate.journal import Journal, writable_folder, write_atomically
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluate.journal import Journal, atomic_writer, writable_folder, write_atomically
 from evaluate.protocol import COLUMNS, Row, ShardResult
+from evaluate.rows import Rows, pack
 from snake_env.errors import InvalidInputError
 
-Key = tuple[str, int]
-"""A shard: its policy and its first task."""
+PARTIAL = "episodes.partial.jsonl"
+_STALE = (
+    *("episodes.csv", "summary.json", "report.html"),
+    *("fig4-*.png", "sim-1-*.png", "video-*.*"),
+)
 
 
 class Store:
@@ -26,74 +32,114 @@ class Store:
 
     Args:
         folder: Where results go; None: nowhere.
-        config: What decides the results; a resumed run must have the same.
+        config: What decides the results; a resumed run must have the same. Its ``policies`` name the
+            policies, its ``tasks`` the number ``n`` of tasks.
         overwrite: Whether results that are there already may go.
         resume: Whether to go on with an interrupted run.
 
+    Attributes:
+        done: How many episodes are finished.
+
     Raises:
-        InvalidInputError: The folder can't be written, holds results, or a run with another config.
+        InvalidInputError: The folder can't be written, holds results, a run with another config, or a
+            damaged one.
     """
 
     def __init__(
         self, folder: Path | None, config: dict[str, Any], *, overwrite: bool, resume: bool
     ) -> None:
         self.folder = folder
-        self.results: dict[Key, ShardResult] = {}
+        self.done = 0
+        self._packed: dict[str, list[NDArray[np.void]]] = {}
+        self._finished: dict[str, NDArray[np.bool_]] = {
+            policy: np.zeros(config["tasks"]["n"], dtype=np.bool_) for policy in config["policies"]
+        }
         if folder is None:
             return
-        path = folder / "episodes.partial.jsonl"
+        path = folder / PARTIAL
         if resume and not path.is_file():
             raise InvalidInputError("resume", str(folder), "a folder with an interrupted run")
         writable_folder(folder)
         if not resume:
-            if any(folder.iterdir()) and not overwrite:
-                raise InvalidInputError(
-                    "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
-                )
-            for pattern in (
-                "episodes.csv",
-                "summary.json",
-                "report.html",
-                "video-*.*",
-                "fig4-*.png",
-                "sim-1-*.png",
-            ):
-                for stale in folder.glob(pattern):
-                    stale.unlink()
-        self._journal = Journal(path, config, resume=resume)
-        for entry in self._journal.entries:
-            policy, first = entry["key"]
-            self.results[policy, first] = ShardResult(entry["rows"], entry["latencies_us"])
+            _clear(folder, overwrite)
+        self._journal = Journal(
+            path, config, resume=resume, take=lambda entry: self._take(entry["rows"])
+        )
 
-    def add(self, key: Key, result: ShardResult) -> None:
+    def add(self, result: ShardResult) -> None:
         """Takes a finished shard."""
-        self.results[key] = result
+        self._take(result.rows)
         if self.folder is not None:
-            latencies = [round(value, 1) for value in result.latencies_us]
-            self._journal.append({"key": key, "rows": result.rows, "latencies_us": latencies})
+            self._journal.append({"rows": result.rows})
 
-    def rows(self, policy: str) -> list[Row]:
+    def _take(self, rows: list[Row]) -> None:
+        packed = pack(rows)
+        policies = set(packed["policy"])
+        tasks = packed["task"]
+        if len(policies) != 1 or np.any(tasks < 0):
+            raise ValueError("a shard is episodes of one policy")
+        policy = policies.pop()
+        finished = self._finished[policy]
+        if finished[tasks].any() or len(np.unique(tasks)) != len(tasks):
+            raise ValueError("a task is there twice")
+        finished[tasks] = True
+        self._packed.setdefault(policy, []).append(packed)
+        self.done += len(packed)
+
+    def missing(self, policy: str) -> list[int]:
+        """The tasks that a policy has not finished yet."""
+        return np.flatnonzero(~self._finished[policy]).tolist()
+
+    def rows(self, policy: str) -> Rows:
         """A policy's rows so far, by task."""
-        keys = sorted(key for key in self.results if key[0] == policy)
-        return [row for key in keys for row in self.results[key].rows]
+        return Rows(self._packed.get(policy, []))
 
-    def latencies(self, policy: str) -> list[float]:
-        """Durations of a policy's decisions so far [us]."""
-        keys = sorted(key for key in self.results if key[0] == policy)
-        return [value for key in keys for value in self.results[key].latencies_us]
+    def write(
+        self,
+        rows: Mapping[str, Iterable[Row]],
+        summary: dict[str, Any],
+        *,
+        complete: bool = True,
+    ) -> None:
+        """Writes ``episodes.csv`` and ``summary.json``; a complete run needs no shards any more.
 
-    def write(self, policies: Iterable[str], summary: dict[str, Any], *, complete: bool) -> None:
-        """Writes ``episodes.csv`` and ``summary.json``; a complete run needs no shards any more."""
+        Args:
+            rows: Rows by policy.
+            summary: The summary.
+            complete: Whether the run is finished.
+        """
         if self.folder is None:
             return
-        rows = [row for policy in policies for row in self.rows(policy)]
-        text = io.StringIO()
-        writer = csv.DictWriter(
-            text, fieldnames=list(rows[0]) if rows else COLUMNS, lineterminator="\n"
-        )
-        writer.writeheader()
-        writer.writerows(rows)
-        write_atomically(self.folder / "episodes.csv", text.getvalue())
-        write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_results(self.folder, rows, summary)
         if complete:
             self._journal.remove()
+
+
+def write_results(folder: Path, rows: Mapping[str, Iterable[Row]], summary: dict[str, Any]) -> None:
+    """Writes ``episodes.csv`` and ``summary.json``."""
+    with atomic_writer(folder / "episodes.csv") as file:
+        writer = csv.DictWriter(file, fieldnames=COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        for own in rows.values():
+            writer.writerows(own)
+    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+
+
+def new_folder(folder: Path, *, overwrite: bool) -> None:
+    """Makes a folder for results, or an existing one free of them.
+
+    Raises:
+        InvalidInputError: It can't be written, or holds results that may not go.
+    """
+    writable_folder(folder)
+    _clear(folder, overwrite)
+
+
+def _clear(folder: Path, overwrite: bool) -> None:
+    if any(folder.iterdir()) and not overwrite:
+        raise InvalidInputError(
+            "out", str(folder), "an empty folder (or --overwrite, or --resume to go on)"
+        )
+    for pattern in _STALE:
+        for stale in folder.glob(pattern):
+            stale.unlink()

@@ -4,10 +4,12 @@ import contextlib
 import csv
 import dataclasses
 import io
+import itertools
 import json
 import os
 import pickle
 import re
+import shutil
 import signal
 import statistics
 import subprocess
@@ -28,6 +30,7 @@ from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
+from evaluate.terminal import console, print_comparisons
 from snake_env.episode import OUTCOMES
 from snake_env.policies import POLICIES, FirstFeasiblePolicy
 from snake_env.state import SnakeState
@@ -54,9 +57,18 @@ ROW = {
     "max_abs_phi": 1.57079,
     "head_error_m": 0.49,
     "head_error_rad": 2.02,
-    "rollouts": 9 * 99 / 10_000,
+    "rollouts": 12,
+    "intervals": 97,
+    "modes": " ".join(["7"] * 97),
 }
-LONG = ("analytic", "--tasks", "random:150:1", "--no-pictures", "--out")  # some seconds
+LONG = (
+    "analytic",
+    "--tasks",
+    "random:150:1",
+    "--no-latency",
+    "--no-pictures",
+    "--out",
+)  # some seconds
 
 
 def _start(*arguments: object) -> subprocess.Popen[str]:
@@ -92,13 +104,10 @@ def _summary(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "summary.json").read_text(), parse_constant=refuse)
 
 
-def _figures(folder: Path) -> dict[str, Any]:
-    """The summary without what is measured with a clock, or says how it was called."""
-    summary = _summary(folder)
-    for row in summary["policies"].values():
-        del row["decision_latency_us"]
-    del summary["command"]
-    return summary
+def _same(one: Path, other: Path) -> None:
+    """Asserts that two folders hold the same bytes."""
+    for name in ("episodes.csv", "summary.json"):
+        assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
 def _tree(folder: Path) -> dict[str, bytes]:
@@ -164,7 +173,12 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
     assert list(summary["policies"]) == ["analytic", "random", "skid"]
     assert summary["preset"] == "paper"
     assert summary["tasks"]["name"] == "random:6:3"
-    assert summary["command"].startswith("python -m evaluate analytic random skid")
+    command = "python -m evaluate analytic random skid --tasks random:6:3 --preset paper"
+    assert summary["command"] == command
+    pairs = [(entry["reference"], entry["policy"]) for entry in summary["comparisons"]]
+    assert pairs == [("analytic", "random"), ("analytic", "skid")]
+    assert summary["profiles"].keys() == summary["policies"].keys()
+    assert summary["seeds"] == {}
     for name, figures in summary["policies"].items():
         assert figures.keys() >= POLICY_KEYS
         own = [row for row in rows if row["policy"] == name]
@@ -192,7 +206,8 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
     own = [row for row in rows if row["policy"] == "analytic"]
     spent = sum(int(row["rollouts"]) for row in own)
     assert analytic["rollouts_per_decision"] == spent / sum(int(row["intervals"]) for row in own)
-    assert 0 < analytic["decision_latency_us"]["p50"] <= analytic["decision_latency_us"]["p95"]
+    latency = analytic["decision_latency_us"]
+    assert 0 < latency["p50"] <= latency["p95"] <= latency["p99"]
     assert summary["policies"]["random"]["rollouts_per_decision"] == 0
     assert summary["policies"]["skid"]["cost_integral"] is None
 
@@ -257,13 +272,22 @@ def test_tables__fit_into_80_columns() -> None:
         assert figure in text
 
 
+def test_names__are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """A terminal library may take :100: for a picture and [x] for a style."""
+    print_comparisons(
+        console(), {"comparisons": [{"sentence": "random:100:1 and a[red].npz"}], "seeds": {}}
+    )
+    assert capsys.readouterr().out == "random:100:1 and a[red].npz\n"
+
+
 def test_results__do_not_depend_on_the_workers(folder: Path, report: Path) -> None:
-    out = folder / "two"
-    arguments = ("analytic", "random", "skid", "--tasks", "random:6:3", "--workers", 2)
-    _good(*arguments, "--no-pictures", "--out", out)
-    assert {path.name for path in out.iterdir()} == {"summary.json", "episodes.csv"}
+    arguments = ("analytic", "random", "skid", "--tasks", "random:6:3", "--no-latency")
+    for workers in (1, 2):
+        out = folder / f"workers-{workers}"
+        _good(*arguments, "--workers", workers, "--no-pictures", "--out", out)
+        assert {path.name for path in out.iterdir()} == {"summary.json", "episodes.csv"}
+    _same(folder / "workers-1", folder / "workers-2")
     assert (out / "episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
-    assert _figures(out) == _figures(report)
 
 
 def test_task_file__gives_what_its_tasks_give(folder: Path, report: Path) -> None:
@@ -315,6 +339,7 @@ BAD = {
     "random --tasks {tmp}/objects.npz": r"objects\.npz': expected .*pickled objects are never read",
     "random --tasks {tmp}/array.npz": r"array\.npz': expected an \.npz file",
     "random --tasks {tmp}/damaged.npz": r"damaged\.npz': expected an \.npz file",
+    "random --tasks {tmp}/nan.npz": r"phi0\[1\]\[7\] = nan: expected a finite angle",
     "random --tasks {tmp}/limit.npz": r"target\[2\]\[5\] = 1\.6: expected at most phi_limit",
     "random --tasks {tmp}/long.npz": r"phi0 in .*long\.npz = .*\(3, 9\).*: expected .*\(N, 8\)",
     "random --out {tmp}/results": r"out = .*results': expected an empty folder",
@@ -338,6 +363,9 @@ def bad_files(tmp_path: Path) -> Path:
         path.write_text("{}")
     (tmp_path / "pickled.npz").write_bytes(pickle.dumps({"phi0": zeros, "target": zeros}))
     np.savez(tmp_path / "objects.npz", phi0=np.array([[None] * 8]), target=zeros)
+    unknown = zeros.copy()
+    unknown[1, 7] = np.nan
+    np.savez(tmp_path / "nan.npz", phi0=unknown, target=zeros)
     np.savez(tmp_path / "limit.npz", phi0=zeros, target=beyond)
     np.savez(tmp_path / "long.npz", phi0=np.zeros((3, 9)), target=np.zeros((3, 9)))
     with (tmp_path / "array.npz").open("wb") as file:
@@ -456,8 +484,7 @@ def _resume(out: Path, reference: Path) -> None:
     )
     printed = _good(*LONG, out, "--workers", 2, "--resume")
     assert f"\n{left} episodes in " in printed
-    assert (out / "episodes.csv").read_bytes() == (reference / "episodes.csv").read_bytes()
-    assert _figures(out) == _figures(reference)
+    _same(out, reference)
     assert {path.name for path in out.iterdir()} == {"episodes.csv", "summary.json"}
 
 
@@ -493,8 +520,8 @@ def test_killed_run__resumes(reference: Path, tmp_path: Path) -> None:
 def test_run_whose_workers_died__keeps_what_it_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def dying(engine: Engine, work: Any, shards: list[Shard]) -> Iterator[Any]:
-        yield from map(work, shards[:3])
+    def dying(engine: Engine, work: Any, shards: Iterator[Shard]) -> Iterator[Any]:
+        yield from map(work, itertools.islice(shards, 3))
         raise WorkerLostError("workers died 6 times: killed")
 
     out = tmp_path / "out"
@@ -510,6 +537,94 @@ def test_run_whose_workers_died__keeps_what_it_has(
     )
     assert [row["task"] for row in _rows(out)] == ["0", "1", "2"]
     assert (out / "episodes.partial.jsonl").is_file()
+
+
+def test_shards_of_many_tasks__give_the_same_rows(
+    report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "_LEAST_SHARDS", 1)
+    monkeypatch.setattr(command, "_MOST_TASKS", 4)
+    monkeypatch.setattr(command, "_take_signals", lambda handler: None)
+    sizes = []
+    monkeypatch.setattr(
+        command, "run_shard", lambda shard: (sizes.append(len(shard.tasks)), run_shard(shard))[1]
+    )
+    arguments = f"analytic random skid --tasks random:6:3 --workers 1 --out {tmp_path / 'out'}"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split(), "--no-pictures"])
+    assert command.main() == 0
+    assert sizes == [4, 2] * 3
+    assert (tmp_path / "out/episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
+
+
+def test_full_disk__ends_the_run_in_one_line_and_keeps_what_is_finished(
+    report: Path, tmp_path: Path
+) -> None:
+    """The system refuses to let a file grow beyond 2 kB, as a full disk would."""
+    out = tmp_path / "out"
+    arguments = f"skid --tasks random:6:3 --no-pictures --no-latency --out {out}".split()
+    limited = (
+        "import resource, sys; from evaluate.__main__ import main; "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, -1)); sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limited, *arguments, "--workers", "1"],
+        cwd=ROOT, text=True, capture_output=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    pattern = (
+        r"error: .*File too large: (\d) finished episodes are in .*: --resume goes on from there"
+    )
+    match = re.fullmatch(pattern, done.stderr.strip())
+    assert match, done.stderr
+    assert 0 < int(match[1]) < 6
+    printed = _good(*arguments, "--resume")
+    assert "6/6" in printed
+    own = [row for row in _rows(report) if row["policy"] == "skid"]
+    assert _rows(out) == own
+
+
+def test_reader_that_goes__ends_the_command_quietly(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = _start("skid", "--tasks", "random:3:3", "--no-pictures", "--out", out)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    assert process.wait(60) == 141
+    assert len(_rows(out)) == 3  # what was finished is there
+
+
+def test_full_disk_behind_stdout__is_told_in_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "evaluate", "skid", "--tasks", "random:2:3"],
+            cwd=ROOT, text=True, stdout=full, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == "error: [Errno 28] No space left on device\n"
+
+
+def test_sentences__are_the_last_that_is_printed(folder: Path, report: Path) -> None:
+    told = [entry["sentence"] for entry in _summary(report)["comparisons"]]
+    assert (folder / "table").read_text().splitlines()[-2:] == told
+
+
+def test_seeds_of_a_method__are_summed_up(tmp_path: Path) -> None:
+    shipped = ROOT / "snake_env" / "pretrained" / "imitate"
+    names = []
+    for seed in range(2):
+        run = tmp_path / f"imitate-s{seed}"
+        run.mkdir()
+        for suffix in (".json", ".safetensors"):
+            shutil.copy(shipped.with_suffix(suffix), (run / "best").with_suffix(suffix))
+        names.append(run / "best.safetensors")
+    printed = _good(
+        "skid", *names, "--tasks", "random:4:3", "--no-latency", "--out", tmp_path / "o"
+    )
+    (name,) = (seeds := _summary(tmp_path / "o")["seeds"])
+    assert name == f"{tmp_path}/imitate-s*/best.safetensors"
+    assert seeds[name]["policies"] == list(map(str, names))
+    assert printed.splitlines()[-1] == seeds[name]["sentence"]
 
 
 class _Failing(FirstFeasiblePolicy):
@@ -559,10 +674,10 @@ def test_policy_that_raises__is_reported_and_the_run_ends_well(
     monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
     assert command.main() == 0
     printed = capsys.readouterr().out
-    assert "failing raised on task 1: ZeroDivisionError" in printed
+    assert "failing raised on task 1 and 1 more: ZeroDivisionError" in printed
     assert "2 error in phase 1" in printed
     rows = _rows(out)
     assert [int(row["task"]) for row in rows] == list(range(20))
     assert [int(row["task"]) for row in rows if row["outcome"] == "error"] == [1, 12]
-    assert rows[12]["error"] == "ZeroDivisionError: no idea,\n\u00e9 either"
+    assert rows[12]["error"] == "ZeroDivisionError: no idea, \u00e9 either"
     assert _summary(out)["policies"]["failing"]["outcomes"]["error"] == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -46,7 +47,34 @@ def test_example__fails_where_nothing_was_learned() -> None:
 def test_example__names_itself_in_its_docstring(path: Path) -> None:
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     assert docstring is not None
-    assert f"python examples/{path.name} --steps " in docstring
+    calls = f"python examples/{path.name} --steps ", f"--policy examples.{path.stem}:"
+    assert any(call in docstring for call in calls)
+
+
+def test_own_policy__is_evaluated_beside_the_others(tmp_path: Path) -> None:
+    names = [
+        "--policy",
+        "examples.own_policy:Careful",
+        "--policy",
+        "examples.own_policy:Careful+shield",
+    ]
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "evaluate", "random", *names, "--tasks", "random:30:1"),
+            *("--workers", "2", "--no-pictures", "--out", str(tmp_path)),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    figures = json.loads((tmp_path / "summary.json").read_text())["policies"]
+    careful, shielded = figures[names[1]], figures[names[3]]
+    assert careful["success"] >= 28
+    assert careful["decision_latency_us"]["p50"] > 0
+    assert shielded["success"] == careful["success"]  # it chooses feasible modes anyway
+    assert shielded["rollouts_per_decision"] == pytest.approx(careful["rollouts_per_decision"] + 1)
+    assert "examples.own_policy:Careful solves" in done.stdout
 
 
 def test_interop__every_library_has_versions_and_one_example() -> None:

@@ -218,9 +218,10 @@ def test_replay__ends_with_a_violation_where_it_happened(violation: str) -> None
 
 
 def test_draw_all__draws_for_every_policy_and_the_first_that_chooses(tmp_path: Path) -> None:
-    store = Store(None, {}, overwrite=False, resume=False)
+    config = {"policies": ["skid", "random"], "tasks": {"n": 8}}
+    store = Store(None, config, overwrite=False, resume=False)
     for policy in ("skid", "random"):
-        store.add((policy, 0), ShardResult(_rows(policy), []))
+        store.add(ShardResult(_rows(policy), []))
     draw_all(tmp_path, ["skid", "random"], store, PAPER)
     assert {path.name for path in tmp_path.iterdir()} == {
         *("fig4-skid.png", "fig4-random.png"),

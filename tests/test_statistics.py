@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluate.statistics import summarise, wilson95
+from evaluate.statistics import decisions_of, summarise, wilson95
 from tests.conftest import PAPER
 
 Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
@@ -28,7 +28,7 @@ def _row(outcome: str = "success", time_s: float = 30.0, **changes: Any) -> dict
         "head_error_m": 0.0,
         "head_error_rad": 0.0,
         "rollouts": 100,
-        "modes": "",
+        "modes": " ".join(["3"] * 10),
         "error": "",
     }
     return {**row, **changes}
@@ -94,8 +94,10 @@ def test_summary__of_mixed_rows() -> None:
         "joint_limit in phase 1": 1,
         "stability in phase 2": 2,
     }
-    assert summary["rollouts_per_decision"] == 7.0
-    assert summary["decision_latency_us"] == {"p50": 50.5, "p95": pytest.approx(95.05)}
+    assert summary["rollouts_per_decision"] == 700 / 81  # the deadlock: one more
+    assert summary["decision_latency_us"] == pytest.approx(
+        {"p50": 50.5, "p95": 95.05, "p99": 99.01}
+    )
     json.dumps(summary, allow_nan=False)
 
 
@@ -120,12 +122,30 @@ def test_summary__of_successes_only_has_no_failures() -> None:
 
 def test_summary__of_one_row_without_decisions_or_cost() -> None:
     """As of ``skid``, which has neither."""
-    summary = summarise([_row(time_s=2.5, cost_integral=math.nan, rollouts=0)], [], PAPER)
+    row = _row(time_s=2.5, cost_integral=math.nan, rollouts=0, modes="")
+    summary = summarise([row], [], PAPER)
     assert summary["time_s"] == dict.fromkeys(("min", "median", "mean", "max"), 2.5)
     assert summary["cost_integral"] is None
     assert summary["rollouts_per_decision"] is None
-    assert summary["decision_latency_us"] == {"p50": None, "p95": None}
+    assert summary["decision_latency_us"] == dict.fromkeys(("p50", "p95", "p99"))
     json.dumps(summary, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "modes", "decisions"),
+    [
+        ("success", 10, 10),
+        ("horizon", 100, 100),
+        ("stability", 1, 1),
+        ("deadlock", 100, 100),  # it stood still at the horizon: every decision was executed
+        ("deadlock", 12, 13),  # the last found no feasible mode
+        ("deadlock", 0, 1),
+        ("error", 0, 0),
+    ],
+)
+def test_decisions__are_those_of_the_row(outcome: str, modes: int, decisions: int) -> None:
+    row = _row(outcome, intervals=modes, modes=" ".join(["98"] * modes))
+    assert decisions_of(row, PAPER) == decisions
 
 
 def test_restricted_mean__stops_at_the_horizon_of_the_constants() -> None:

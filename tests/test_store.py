@@ -9,19 +9,30 @@ from typing import Any
 import pytest
 
 from evaluate.journal import write_atomically
-from evaluate.protocol import ShardResult
+from evaluate.protocol import COLUMNS, Row, ShardResult
 from evaluate.store import Store
 from snake_env.errors import InvalidInputError
 
 CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}
 
 
+def _row(policy: str, task: int, **changes: Any) -> Row:
+    row = dict.fromkeys(COLUMNS, 0.1 + task / 3) | {
+        "policy": policy,
+        "task": task,
+        "outcome": "success",
+        "intervals": 13,
+        "phase": 9,
+        "cost_integral": math.nan,
+        "rollouts": 2**40,
+        "modes": "0 98 12",
+        "error": "",
+    }
+    return row | changes
+
+
 def _result(policy: str, first: int, **changes: Any) -> ShardResult:
-    rows = [
-        {"policy": policy, "task": first + k, "time_s": 0.1 + k / 3, "cost": math.nan, **changes}
-        for k in range(10)
-    ]
-    return ShardResult(rows, [123.45, 6.78])
+    return ShardResult([_row(policy, first + k, **changes) for k in range(10)], [123.45])
 
 
 def _store(folder: Path, *, resume: bool = False, overwrite: bool = False) -> Store:
@@ -33,27 +44,53 @@ def _written(folder: Path) -> list[tuple[str, int]]:
         return [(row["policy"], int(row["task"])) for row in csv.DictReader(file)]
 
 
+def _write(store: Store, summary: dict[str, Any], *, complete: bool) -> None:
+    store.write({name: store.rows(name) for name in "ba"}, summary, complete=complete)
+
+
 def _names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
 def test_results__are_sorted_whatever_the_order_of_arrival(tmp_path: Path) -> None:
     store = _store(tmp_path / "new" / "folder")
-    keys = [("a", 20), ("b", 10), ("a", 0), ("b", 0), ("a", 10), ("b", 20)]
-    for key in keys:
-        store.add(key, _result(*key))
-    store.write(["b", "a"], {"policies": {}}, complete=True)
+    for key in [("a", 20), ("b", 10), ("a", 0), ("b", 0), ("a", 10), ("b", 20)]:
+        store.add(_result(*key))
+    _write(store, {"policies": {}}, complete=True)
     expected = [(policy, task) for policy in "ba" for task in range(30)]
     assert _written(tmp_path / "new" / "folder") == expected
     assert [row["task"] for row in store.rows("a")] == list(range(30))
-    assert store.latencies("a") == [123.45, 6.78] * 3
+    assert store.done == 60
+
+
+def test_rows__are_what_was_added() -> None:
+    store = Store(None, CONFIG, overwrite=False, resume=False)
+    for first in (10, 0):
+        store.add(_result("a", first))
+    rows = store.rows("a")
+    assert len(rows) == 20
+    assert str(list(rows)) == str([_row("a", task) for task in range(20)])  # NaN != NaN
+    assert str(rows[-1]) == str(_row("a", 19))
+    assert [row["task"] for row in rows[3:5]] == [3, 4]
+    assert rows.column("task").tolist() == list(range(20))
+    assert {name: type(value) for name, value in rows[0].items()} == {
+        name: type(value) for name, value in _row("a", 0).items()
+    }
+    assert (len(store.rows("b")), list(store.rows("b"))) == (0, [])
+
+
+def test_missing__are_the_tasks_without_a_result(tmp_path: Path) -> None:
+    store = _store(tmp_path)
+    store.add(_result("a", 10))
+    assert store.missing("a") == [*range(10), *range(20, 30)]
+    assert store.missing("b") == list(range(30))
 
 
 def test_complete_run__leaves_two_files_with_ordinary_rights(tmp_path: Path) -> None:
     store = _store(tmp_path)
-    store.add(("a", 0), _result("a", 0))
+    store.add(_result("a", 0))
     assert _names(tmp_path) == {"episodes.partial.jsonl"}
-    store.write(["a"], {"policies": {"a": 1}}, complete=True)
+    _write(store, {"policies": {"a": 1}}, complete=True)
     assert _names(tmp_path) == {"episodes.csv", "summary.json"}
     assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o644}
     assert json.loads((tmp_path / "summary.json").read_text()) == {"policies": {"a": 1}}
@@ -61,19 +98,19 @@ def test_complete_run__leaves_two_files_with_ordinary_rights(tmp_path: Path) -> 
 
 def test_interrupted_run__keeps_its_shards_and_resumes(tmp_path: Path) -> None:
     store = _store(tmp_path)
-    store.add(("a", 10), _result("a", 10))
-    store.write(["b", "a"], {}, complete=False)
+    store.add(_result("a", 10))
+    _write(store, {}, complete=False)
     assert _names(tmp_path) == {"episodes.csv", "summary.json", "episodes.partial.jsonl"}
     again = _store(tmp_path, resume=True)
-    assert set(again.results) == {("a", 10)}
-    again.add(("a", 0), _result("a", 0))
-    again.write(["b", "a"], {}, complete=True)
+    assert again.done == 10
+    again.add(_result("a", 0))
+    _write(again, {}, complete=True)
     resumed = (tmp_path / "episodes.csv").read_bytes()
 
     whole = _store(tmp_path / "whole")
     for first in (0, 10):
-        whole.add(("a", first), _result("a", first))
-    whole.write(["b", "a"], {}, complete=True)
+        whole.add(_result("a", first))
+    _write(whole, {}, complete=True)
     assert (tmp_path / "whole" / "episodes.csv").read_bytes() == resumed
 
 
@@ -82,31 +119,58 @@ def test_resume__drops_a_torn_last_line(tmp_path: Path, cut: int) -> None:
     store = _store(tmp_path)
     partial = tmp_path / "episodes.partial.jsonl"
     for first in (0, 10):
-        store.add(("a", first), _result("a", first))
+        store.add(_result("a", first))
     whole = partial.read_text()
     last = len(whole.splitlines()[-1])
     partial.write_text(whole[: -min(cut, last)])
     again = _store(tmp_path, resume=True)
-    kept = {("a", 0)} if cut > 1 else {("a", 0), ("a", 10)}  # 1: only the line's end is missing
-    assert set(again.results) == kept
-    again.add(("a", 20), _result("a", 20))  # on a line of its own
-    assert set(_store(tmp_path, resume=True).results) == kept | {("a", 20)}
+    kept = 10 if cut > 1 else 20  # 1: only the line's end is missing
+    assert again.missing("a") == list(range(kept, 30))
+    again.add(_result("a", 20))  # on a line of its own
+    assert _store(tmp_path, resume=True).missing("a") == list(range(kept, 20))
+
+
+FOREIGN = {
+    "another piece": {"key": 1},
+    "no piece": [1, 2],
+    "no rows": {"rows": 3},
+    "an unknown policy": {"rows": [_row("c", 20)]},
+    "a task that is not in the suite": {"rows": [_row("a", 30)]},
+    "a task twice": {"rows": [_row("a", 20), _row("a", 20)]},
+    "a task that is there already": {"rows": [_row("a", 3)]},
+    "two policies": {"rows": [_row("a", 20), _row("b", 20)]},
+    "other columns": {"rows": [{"policy": "a", "task": 20}]},
+    "a text for a number": {"rows": [_row("a", 20, time_s="soon")]},
+}
+
+
+@pytest.mark.parametrize("entry", FOREIGN.values(), ids=FOREIGN.keys())
+def test_resume__refuses_a_damaged_journal_and_keeps_it(tmp_path: Path, entry: Any) -> None:
+    _store(tmp_path).add(_result("a", 0))
+    partial = tmp_path / "episodes.partial.jsonl"
+    with partial.open("a") as file:
+        file.write(json.dumps(entry) + "\n")
+    before = partial.read_bytes()
+    with pytest.raises(InvalidInputError, match=r"line 3 of .*expected a finished piece"):
+        _store(tmp_path, resume=True)
+    assert partial.read_bytes() == before
+    assert _names(tmp_path) == {"episodes.partial.jsonl"}
 
 
 def test_resumed_results__are_equal_to_the_digit(tmp_path: Path) -> None:
     store = _store(tmp_path)
-    store.add(("a", 0), _result("a", 0, error="ValueError: \u2028 odd\n text"))
+    store.add(_result("a", 0, error="ValueError: \u2028 odd\n text"))
     rows = _store(tmp_path, resume=True).rows("a")
     assert [row["time_s"] for row in rows] == [row["time_s"] for row in store.rows("a")]
-    assert all(math.isnan(row["cost"]) for row in rows)
+    assert all(math.isnan(row["cost_integral"]) for row in rows)
     assert rows[0]["error"] == "ValueError: \u2028 odd\n text"
 
 
 @pytest.mark.parametrize(
-    "other", [{**CONFIG, "policies": ["a"]}, {**CONFIG, "params": {"l": 0.09}}, {}]
+    "other", [{**CONFIG, "policies": ["a"]}, {**CONFIG, "params": {"l": 0.09}}]
 )
 def test_resume__refuses_another_config(tmp_path: Path, other: dict[str, Any]) -> None:
-    _store(tmp_path).add(("a", 0), _result("a", 0))
+    _store(tmp_path).add(_result("a", 0))
     before = (tmp_path / "episodes.partial.jsonl").read_bytes()
     with pytest.raises(InvalidInputError, match="same policies, tasks, options and constants"):
         Store(tmp_path, other, overwrite=False, resume=True)
@@ -122,23 +186,23 @@ def test_resume__refuses_a_folder_without_a_run_and_makes_none(tmp_path: Path) -
 
 def test_existing_results__are_refused_or_overwritten(tmp_path: Path) -> None:
     store = _store(tmp_path)
-    store.add(("a", 0), _result("a", 0))
-    store.write(["a"], {}, complete=True)
+    store.add(_result("a", 0))
+    _write(store, {}, complete=True)
     before = (tmp_path / "episodes.csv").read_bytes()
     with pytest.raises(InvalidInputError, match="--overwrite"):
         _store(tmp_path)
     assert (tmp_path / "episodes.csv").read_bytes() == before
     again = _store(tmp_path, overwrite=True)
-    assert again.results == {}
-    again.add(("b", 0), _result("b", 0))
-    again.write(["b"], {}, complete=True)
+    assert again.done == 0
+    again.add(_result("b", 0))
+    _write(again, {}, complete=True)
     assert _written(tmp_path) == [("b", task) for task in range(10)]
 
 
 def test_overwrite__also_forgets_an_interrupted_run(tmp_path: Path) -> None:
-    _store(tmp_path).add(("a", 0), _result("a", 0))
+    _store(tmp_path).add(_result("a", 0))
     _store(tmp_path, overwrite=True)
-    assert _store(tmp_path, resume=True).results == {}
+    assert _store(tmp_path, resume=True).done == 0
 
 
 def test_folder_below_a_file__is_refused(tmp_path: Path) -> None:
@@ -151,8 +215,8 @@ def test_folder_below_a_file__is_refused(tmp_path: Path) -> None:
 def test_store_without_folder__writes_nothing(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     store = Store(None, CONFIG, overwrite=False, resume=False)
-    store.add(("a", 0), _result("a", 0))
-    store.write(["a"], {}, complete=True)
+    store.add(_result("a", 0))
+    _write(store, {}, complete=True)
     assert len(store.rows("a")) == 10
     assert _names(tmp_path) == set()
 

@@ -1,0 +1,201 @@
+"""``python -m evaluate compare DIR...``: finished runs on the same tasks against each other."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shlex
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from evaluate.protocol import Row
+from evaluate.rows import Rows, pack, parsed
+from evaluate.store import PARTIAL, new_folder, write_results
+from evaluate.summary import build_summary
+from evaluate.terminal import print_comparisons, print_results
+from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.params import SnakeParams
+
+_PACKED_AT_ONCE = 1000  # rows
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """Compare finished runs on the same tasks, all policies with the first of the first folder."""
+
+    folders: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="DIR...", help_behavior_hint=""),
+    ]
+    """Result folders of python -m evaluate."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for the summary.json and episodes.csv of all policies together."""
+    overwrite: bool = False
+    """Replace the results in --out."""
+
+    def check(self) -> None:
+        """Raises InvalidInputError where the options can't be used."""
+        if not self.folders:
+            raise InvalidInputError("DIR", self.folders, "at least one result folder")
+        times = Counter(folder.resolve() for folder in self.folders)
+        for folder in self.folders:
+            if times[folder.resolve()] > 1:
+                raise InvalidInputError("DIR", str(folder), "each folder once")
+        if self.out is None and self.overwrite:
+            raise InvalidInputError("out", None, "a folder, to go with --overwrite")
+
+
+def compare_folders(options: CompareOptions, console: Console) -> int:
+    """Reads the folders, compares all their policies and prints the result; the exit code.
+
+    Raises:
+        InvalidInputError: A folder is unfinished, damaged or foreign, or of other tasks or constants.
+    """
+    options.check()
+    summaries = {folder: read_summary(folder) for folder in options.folders}
+    first = options.folders[0]
+    for folder in options.folders[1:]:
+        check_same(first, summaries[first], folder, summaries[folder])
+    params = SnakeParams().replace(**summaries[first]["params"])
+    rows: dict[str, Sequence[Row]] = {}
+    latencies: dict[str, Any] = {}
+    for folder, names in _names(summaries).items():
+        rows |= read_episodes(folder, summaries[folder], names)
+        for own, name in names.items():
+            latencies[name] = summaries[folder]["policies"][own]["decision_latency_us"]
+    command = shlex.join(["python", "-m", "evaluate", "compare", *map(str, options.folders)])
+    summary = build_summary(summaries[first], rows, {}, params, command)
+    for name, figures in summary["policies"].items():
+        figures["decision_latency_us"] = latencies[name]
+    if options.out is not None:
+        new_folder(options.out, overwrite=options.overwrite)
+        write_results(options.out, rows, summary)
+    print_results(console, summary)
+    if options.out is not None:
+        console.print(f"results: {options.out}/", soft_wrap=True)
+    print_comparisons(console, summary)
+    return 0
+
+
+def _names(summaries: Mapping[Path, Any]) -> dict[Path, dict[str, str]]:
+    """What the policies of each folder are called: with the folder, where several have one."""
+    times = Counter(name for summary in summaries.values() for name in summary["policies"])
+    return {
+        folder: {
+            name: name if times[name] == 1 else f"{name} ({folder})" for name in summary["policies"]
+        }
+        for folder, summary in summaries.items()
+    }
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """The ``summary.json`` of a finished run.
+
+    Raises:
+        InvalidInputError: There is none, the run is not finished, or it is no such file.
+    """
+    path = folder / "summary.json"
+    if (folder / PARTIAL).exists():
+        raise InvalidInputError("DIR", str(folder), "a finished run (--resume finishes it)")
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        for key, kinds in (("name", str), ("n", int), ("hash", str)):
+            if not isinstance(summary["tasks"][key], kinds):
+                raise ValueError(f"tasks.{key} is {summary['tasks'][key]!r}")
+        SnakeParams().replace(**summary["params"])
+        str(summary["preset"])
+        if not summary["policies"]:
+            raise ValueError("no policies")
+        for figures in summary["policies"].values():
+            int(figures["success"])
+            figures["decision_latency_us"]["p50"]
+    except OSError as error:
+        expected = f"a result folder ({path.name}: {error.strerror})"
+        raise InvalidInputError("DIR", str(folder), expected) from None
+    except (ValueError, TypeError, LookupError, AttributeError, SnakeEnvError) as error:
+        expected = f"the summary of a run ({type(error).__name__}: {error})"
+        raise InvalidInputError("DIR", str(path), expected) from None
+    return summary  # type: ignore[no-any-return]
+
+
+def check_same(first: Path, one: Mapping[str, Any], folder: Path, other: Mapping[str, Any]) -> None:
+    """Finds out whether two runs can be compared.
+
+    Raises:
+        InvalidInputError: Their constants or their tasks differ; the message names what.
+    """
+    for key, value in one["params"].items():
+        if other["params"].get(key) != value:
+            field, expected = f"{key} in {folder}", f"{value!r}, as in {first}"
+            raise InvalidInputError(field, other["params"].get(key), expected)
+    if other["tasks"]["hash"] != one["tasks"]["hash"]:
+        expected = f"the tasks of {first}, {one['tasks']['name']}"
+        if other["tasks"]["name"] == one["tasks"]["name"]:
+            expected += ", with the same shapes"
+        raise InvalidInputError(f"tasks of {folder}", other["tasks"]["name"], expected)
+
+
+def read_episodes(
+    folder: Path, summary: Mapping[str, Any], names: Mapping[str, str]
+) -> dict[str, Rows]:
+    """The episodes of a finished run, by policy.
+
+    Args:
+        folder: The run's folder.
+        summary: Its summary.
+        names: What its policies shall be called.
+
+    Raises:
+        InvalidInputError: ``episodes.csv`` is damaged, or does not fit the summary.
+    """
+    path = folder / "episodes.csv"
+    packed: dict[str, list[Any]] = {policy: [] for policy in names}
+    reader = _parsed_rows(path, names)
+    while block := list(islice(reader, _PACKED_AT_ONCE)):
+        for policy in dict.fromkeys(row["policy"] for row in block):
+            own = (row | {"policy": names[policy]} for row in block if row["policy"] == policy)
+            packed[policy].append(pack(own))
+    rows = {}
+    for policy, parts in packed.items():
+        own_rows = Rows(parts)
+        _check_whole(path, policy, own_rows, summary)
+        rows[names[policy]] = own_rows
+    return rows
+
+
+def _parsed_rows(path: Path, names: Mapping[str, str]) -> Iterator[Row]:
+    try:
+        file = path.open(newline="", encoding="utf-8")
+    except OSError as error:
+        expected = f"a result folder ({path.name}: {error.strerror})"
+        raise InvalidInputError("DIR", str(path.parent), expected) from None
+    with file:
+        reader = csv.DictReader(file, strict=True)
+        try:
+            for texts in reader:
+                row = parsed(texts)
+                if row["policy"] not in names:
+                    raise ValueError(f"policy {row['policy']!r} is not in the summary")
+                yield row
+        except (ValueError, TypeError, csv.Error) as error:
+            expected = f"the episodes of a run (line {reader.line_num}: {error})"
+            raise InvalidInputError("DIR", str(path), expected) from None
+
+
+def _check_whole(path: Path, policy: str, rows: Rows, summary: Mapping[str, Any]) -> None:
+    n, success = summary["tasks"]["n"], summary["policies"][policy]["success"]
+    if rows.column("task").tolist() != list(range(n)):
+        expected = f"one row for each of {n:,} tasks; {policy} has {len(rows):,} rows"
+        raise InvalidInputError("DIR", str(path), expected)
+    solved = int((rows.column("outcome") == "success").sum())
+    if solved != success:
+        expected = f"{success:,} successes of {policy}, as its summary says; it has {solved:,}"
+        raise InvalidInputError("DIR", str(path), expected)

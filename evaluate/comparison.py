@@ -1,0 +1,231 @@
+"""Policies against each other on the same tasks: tests, intervals, and what they say in words.
+
+Everything here is a function of episodes' rows. A failure takes the whole horizon, wherever times of
+failed episodes are compared; an interval is None where fewer than two tasks say anything about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, bootstrap, wilcoxon
+
+from evaluate.protocol import Row
+
+FloatArray = NDArray[np.float64]
+
+Interval = dict[str, float]
+"""An estimate, ``mean``, and its 95 % interval, ``low`` to ``high``."""
+
+RESAMPLES = 2000
+ALPHA = 0.05
+SEED = 0
+_BATCH = 2_000_000  # resampled values that are in memory at once
+
+
+@dataclass(frozen=True)
+class Results:
+    """How one policy did on N tasks, task by task.
+
+    Attributes:
+        solved: Whether it succeeded, shape (N,).
+        time_s: Duration, the horizon where it failed, shape (N,) [s].
+        cost: Integral of V, shape (N,) [s]; NaN where there is none.
+    """
+
+    solved: NDArray[np.bool_]
+    time_s: FloatArray
+    cost: FloatArray
+
+    @classmethod
+    def of(cls, rows: Iterable[Row], horizon_s: float) -> Results:
+        """The results in a policy's rows, which are in the order of the tasks."""
+        columns = [
+            (row["outcome"] == "success", row["time_s"], row["cost_integral"]) for row in rows
+        ]
+        solved, time_s, cost = np.array(columns, dtype=np.float64).reshape(-1, 3).T
+        succeeded = solved == 1.0
+        restricted = np.where(succeeded, np.minimum(time_s, horizon_s), horizon_s)
+        return cls(succeeded, restricted, cost)
+
+    def __len__(self) -> int:
+        return len(self.solved)
+
+
+def compare_all(results: Mapping[str, Results]) -> list[dict[str, Any]]:
+    """Compares every policy with the first: ``comparisons`` of ``summary.json``.
+
+    P-values are corrected for the number of comparisons by Holm's method.
+
+    Args:
+        results: By policy, all on the same tasks.
+    """
+    (reference, first), *others = results.items()
+    entries = [compare(reference, first, name, own) for name, own in others]
+    for key in ("mcnemar_p", "wilcoxon_p"):
+        known = [entry for entry in entries if entry[key] is not None]
+        for entry, p in zip(known, holm([entry[key] for entry in known]), strict=True):
+            entry[f"{key}_holm"] = p
+    for entry in entries:
+        entry["sentence"] = sentence(entry, corrected=len(entries) > 1)
+    return entries
+
+
+def compare(reference: str, first: Results, policy: str, second: Results) -> dict[str, Any]:
+    """Compares a policy with the reference on the same tasks.
+
+    Args:
+        reference: Name of the reference.
+        first: Its results on N tasks.
+        policy: Name of the policy.
+        second: Its results on the same tasks.
+
+    Returns:
+        The figures that ``docs/metrics.md`` explains; differences are the policy's value less the
+        reference's.
+    """
+    only_first = int(np.sum(first.solved & ~second.solved))
+    only_second = int(np.sum(second.solved & ~first.solved))
+    common = first.solved & second.solved
+    faster = 0.5 + 0.5 * np.sign(first.time_s - second.time_s)
+    priced = common & np.isfinite(first.cost) & np.isfinite(second.cost)
+    times = first.time_s[common], second.time_s[common]
+    return {
+        "reference": reference,
+        "policy": policy,
+        "n": len(first),
+        "only_reference": only_first,
+        "only_policy": only_second,
+        "success_difference": (only_second - only_first) / len(first),
+        "mcnemar_p": mcnemar(only_first, only_second),
+        "mcnemar_p_holm": mcnemar(only_first, only_second),
+        "common": int(common.sum()),
+        "time_difference_s": mean_interval(times[1] - times[0]),
+        "time_ratio": bootstrap_interval(_ratio, *times) if np.any(times[0]) else None,
+        "cost_difference": mean_interval(second.cost[priced] - first.cost[priced]),
+        "restricted_time_difference_s": mean_interval(second.time_s - first.time_s),
+        "wilcoxon_p": signed_rank(times[1] - times[0]),
+        "wilcoxon_p_holm": signed_rank(times[1] - times[0]),
+        "probability_of_improvement": mean_interval(faster),
+    }
+
+
+def _ratio(first: FloatArray, second: FloatArray, axis: int = -1) -> Any:
+    return second.mean(axis=axis) / first.mean(axis=axis)
+
+
+def mcnemar(only_first: int, only_second: int) -> float:
+    """Exact p-value of McNemar's test from the tasks that only one of two policies solves."""
+    discordant = only_first + only_second
+    return float(binomtest(only_first, discordant, 0.5).pvalue) if discordant else 1.0
+
+
+def signed_rank(differences: FloatArray) -> float | None:
+    """P-value of Wilcoxon's signed-rank test; None where nothing differs."""
+    return float(wilcoxon(differences).pvalue) if np.any(differences) else None
+
+
+def holm(p_values: list[float]) -> list[float]:
+    """P-values corrected by Holm's method for being as many."""
+    order = np.argsort(p_values)
+    factors = np.arange(len(p_values), 0, -1)
+    corrected = np.minimum(np.maximum.accumulate(factors * np.array(p_values)[order]), 1.0)
+    in_place = np.empty(len(p_values))
+    in_place[order] = corrected
+    return in_place.tolist()
+
+
+def mean_interval(values: FloatArray) -> Interval | None:
+    """Mean of one value per task with its bootstrap interval."""
+    return bootstrap_interval(np.mean, values)
+
+
+def bootstrap_interval(statistic: Callable[..., Any], *samples: FloatArray) -> Interval | None:
+    """A statistic with its 95 % percentile interval over resampled tasks.
+
+    Percentiles need no jackknife, whose cost grows with the square of the number of tasks, and are
+    defined where all values are equal.
+
+    Args:
+        statistic: Called with the samples and ``axis``.
+        *samples: Values of the same N tasks, each of shape (N,).
+    """
+    count = len(samples[0])
+    if count < 2:
+        return None
+    spread = bootstrap(
+        samples,
+        statistic,
+        paired=True,
+        vectorized=True,
+        n_resamples=RESAMPLES,
+        batch=max(1, _BATCH // count),
+        method="percentile",
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return {
+        "mean": float(statistic(*samples, axis=-1)),
+        "low": float(spread.low),
+        "high": float(spread.high),
+    }
+
+
+def profile(results: Results) -> dict[str, list[float]]:
+    """Performance profile: the share of all tasks that are solved within each time that occurs."""
+    times, counts = np.unique(results.time_s[results.solved], return_counts=True)
+    return {"time_s": times.tolist(), "share": (np.cumsum(counts) / len(results)).tolist()}
+
+
+def sentence(entry: Mapping[str, Any], *, corrected: bool) -> str:
+    """A comparison in words; a difference counts as established where p is below 0.05.
+
+    Args:
+        entry: What :func:`compare` gave.
+        corrected: Whether its p-values are corrected for further comparisons.
+    """
+    method = " after Holm" if corrected else ""
+    return f"{_success_clause(entry, method)}; {_time_clause(entry)}"
+
+
+def _success_clause(entry: Mapping[str, Any], method: str) -> str:
+    reference, policy, n = entry["reference"], entry["policy"], entry["n"]
+    only_first, only_second = entry["only_reference"], entry["only_policy"]
+    p = f"({_p_value(entry['mcnemar_p_holm'])}{method})"
+    if only_first == only_second == 0:
+        return f"{policy} solves exactly the tasks that {reference} solves"
+    if entry["mcnemar_p_holm"] < ALPHA:
+        difference = only_second - only_first
+        more = "more" if difference > 0 else "fewer"
+        return f"{policy} solves {abs(difference):,} {more} of {n:,} tasks than {reference} {p}"
+    return (
+        f"no difference in success between {policy} and {reference} is established: of {n:,} tasks "
+        f"{only_second:,} solved by the former alone, {only_first:,} by the latter alone {p}"
+    )
+
+
+def _time_clause(entry: Mapping[str, Any]) -> str:
+    common, difference = entry["common"], entry["time_difference_s"]
+    if common == 0:
+        return "no task is solved by both"
+    where = f"on the {common:,} tasks both solve" if common > 1 else "on the one task both solve"
+    p = entry["wilcoxon_p_holm"]
+    if p is None:
+        return f"{where} it needs the same time"
+    if difference is None:
+        return f"{where} no difference in time is established"
+    low, high = difference["low"], difference["high"]
+    if p < ALPHA and (low > 0 or high < 0):
+        more = "more" if low > 0 else "less"
+        least, most = sorted((abs(low), abs(high)))
+        size = f"{abs(difference['mean']):.1f} s {more}, 95 % [{least:.1f}, {most:.1f}]"
+        return f"{where} it needs {size}"
+    size = f"{difference['mean']:+.1f} s, 95 % [{low:+.1f}, {high:+.1f}]"
+    return f"{where} no difference in time is established ({size})"
+
+
+def _p_value(p: float) -> str:
+    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"

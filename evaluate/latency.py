@@ -1,0 +1,90 @@
+"""How long a policy thinks: measured by itself, when the episodes are done.
+
+While episodes run, workers share caches and cores with each other, so what they would measure says as
+much about the neighbours as about the policy.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from evaluate.deadline import DecisionTimeoutError, within
+from evaluate.outside import make_policy
+from evaluate.protocol import SKID, Row
+from snake_env.params import SnakeParams
+from snake_env.simulation import advance
+from snake_env.tasks import TaskSuite
+
+DECISIONS = 300
+"""Decisions that are measured of each policy ..."""
+SECONDS = 20.0
+"""... unless they take longer than this [s]."""
+
+
+def measure_latencies(
+    rows: Mapping[str, Sequence[Row]],
+    suite: TaskSuite,
+    params: SnakeParams,
+    decision_timeout_s: float | None = None,
+) -> dict[str, list[float]]:
+    """Durations of decisions [us] by policy, on one thread, warm, the policies in turns.
+
+    Each policy decides again in the states of its own episodes: in whole episodes, as a planner may
+    follow a plan, spread over the suite. Nothing but the decision is timed. The first decision of each
+    warms up and does not count.
+
+    Args:
+        rows: Each policy's episodes.
+        suite: Their tasks.
+        params: The constants.
+        decision_timeout_s: What a decision may take [s]; None: any time.
+    """
+    durations: dict[str, list[float]] = {name: [] for name in rows}
+    with threadpool_limits(1):
+        turns = {
+            name: _decide_again(name, own, suite, params, decision_timeout_s)
+            for name, own in rows.items()
+            if name != SKID
+        }
+        while turns:
+            for name in list(turns):
+                duration = next(turns[name], None)
+                if duration is not None:
+                    durations[name].append(duration)
+                if duration is None or _enough(durations[name]):
+                    del turns[name]
+    return {name: own[1:] for name, own in durations.items()}
+
+
+def _enough(durations: Sequence[float]) -> bool:
+    return len(durations) > DECISIONS or sum(durations) > 1e6 * SECONDS
+
+
+def _decide_again(
+    name: str, rows: Sequence[Row], suite: TaskSuite, params: SnakeParams, limit_s: float | None
+) -> Iterator[float]:
+    """Durations of a policy's decisions in the states that its episodes went through [us]."""
+    try:
+        policy = make_policy(name, params)
+        for k in _spread(len(rows)):
+            row = rows[k]
+            if row["error"]:
+                continue
+            state = suite.initial(row["task"], params)
+            within(limit_s, policy.reset, row["task"])
+            for mode in row["modes"].split():
+                began = time.perf_counter_ns()
+                within(limit_s, policy.select_mode, state)
+                yield round((time.perf_counter_ns() - began) / 1e3, 1)
+                state, _ = advance(state, int(mode), params)
+    except (Exception, SystemExit, DecisionTimeoutError):
+        return  # it decided well in the episodes: what is measured so far has to do
+
+
+def _spread(count: int) -> list[int]:
+    """Up to DECISIONS positions, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, DECISIONS)).astype(int)).tolist()

@@ -1,0 +1,92 @@
+"""Many episodes in little memory: numbers and references in arrays instead of a dict each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluate.protocol import COLUMNS, Row
+from snake_env.episode import OUTCOMES, EpisodeSummary
+
+_KINDS: dict[Any, type] = {"int": np.int64, "float": np.float64}  # texts are references
+_READ: dict[Any, Any] = {"int": int, "float": float}
+_TYPES: dict[str, Any] = {field.name: field.type for field in dataclasses.fields(EpisodeSummary)}
+_TYPES |= {"task": "int", "rollouts": "int"}
+_PACKED = np.dtype([(name, _KINDS.get(_TYPES.get(name), np.object_)) for name in COLUMNS])
+
+
+def pack(rows: Iterable[Mapping[str, Any]]) -> NDArray[np.void]:
+    """Rows as a structured array.
+
+    Raises:
+        ValueError: A row has other columns, or a value is not of its column's type.
+    """
+    packed = []
+    for row in rows:
+        if tuple(row) != COLUMNS:
+            raise ValueError(f"columns {_listed(row)} instead of {_listed(COLUMNS)}")
+        packed.append(tuple(row.values()))
+    return np.array(packed, dtype=_PACKED)
+
+
+def parsed(texts: Mapping[str, str | None]) -> Row:
+    """A row from the texts of a line of ``episodes.csv``.
+
+    Raises:
+        ValueError: It has other columns, or a text is none of its column's values.
+    """
+    if tuple(texts) != COLUMNS:
+        raise ValueError(f"columns {_listed(texts)} instead of {_listed(COLUMNS)}")
+    row: Row = {}
+    for name, text in texts.items():
+        if text is None:
+            raise ValueError(f"no {name}")
+        try:
+            row[name] = _READ.get(_TYPES.get(name), str)(text)
+        except ValueError:
+            raise ValueError(f"{name} = {text!r}") from None
+    if row["outcome"] not in OUTCOMES:
+        raise ValueError(f"outcome = {row['outcome']!r}")
+    return row
+
+
+def _listed(columns: Iterable[object]) -> str:
+    return ", ".join(map(str, columns))
+
+
+class Rows(Sequence[Row]):
+    """Rows of ``episodes.csv``: each is a fresh dict, made when it is asked for.
+
+    Args:
+        packed: What :func:`pack` gave, in parts.
+    """
+
+    def __init__(self, packed: Sequence[NDArray[np.void]]) -> None:
+        whole = np.concatenate(packed) if packed else np.empty(0, dtype=_PACKED)
+        self._packed = whole[np.argsort(whole["task"], kind="stable")]
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __iter__(self) -> Iterator[Row]:
+        for record in self._packed:
+            yield dict(zip(COLUMNS, record.item(), strict=True))
+
+    @overload
+    def __getitem__(self, k: int) -> Row: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> list[Row]: ...
+
+    def __getitem__(self, k: int | slice) -> Row | list[Row]:
+        if isinstance(k, slice):
+            return [self[i] for i in range(*k.indices(len(self)))]
+        return dict(zip(COLUMNS, self._packed[k].item(), strict=True))
+
+    def column(self, name: str) -> NDArray[Any]:
+        """One column, by task, shape (N,)."""
+        return self._packed[name].copy()

@@ -1,0 +1,61 @@
+"""What ``summary.json`` holds, of a run and of finished runs that are compared."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+from evaluate.comparison import Results, compare_all, profile
+from evaluate.protocol import Row
+from evaluate.seeds import seed_entries
+from evaluate.statistics import summarise
+from snake_env.params import SnakeParams
+
+
+def build_summary(
+    config: Mapping[str, Any],
+    rows: Mapping[str, Sequence[Row]],
+    latencies: Mapping[str, Sequence[float]],
+    params: SnakeParams,
+    command: str,
+    *,
+    complete: bool = True,
+) -> dict[str, Any]:
+    """Figures of all policies, and of each against the first.
+
+    Args:
+        config: ``tasks``, ``preset`` and ``params`` are told.
+        rows: Each policy's episodes.
+        latencies: Durations of decisions by policy [us], where they were measured.
+        params: The constants.
+        command: What makes these results.
+        complete: Whether every policy has finished every task: only then are they compared.
+    """
+    policies = {
+        name: summarise(own, latencies.get(name, ()), params) for name, own in rows.items() if own
+    }
+    compared = rows if complete else {}
+    results = {name: Results.of(own, params.horizon_s) for name, own in compared.items()}
+    return {
+        "policies": policies,
+        "comparisons": compare_all(results) if results else [],
+        "profiles": {name: profile(own) for name, own in results.items()},
+        "seeds": seed_entries(results) if results else {},
+        **{key: config[key] for key in ("tasks", "preset", "params")},
+        "command": command,
+        "versions": {
+            "snake-mode-env": version("snake-mode-env"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+        },
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+    }
+
+
+def sentences(summary: Mapping[str, Any]) -> list[str]:
+    """What the comparisons say."""
+    entries = [*summary["comparisons"], *summary["seeds"].values()]
+    return [entry["sentence"] for entry in entries]

@@ -1,0 +1,206 @@
+"""``python -m evaluate compare``: finished runs against each other, and what it refuses."""
+
+import csv
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluate import __main__ as command
+
+TASKS = ("--tasks", "random:12:3", "--workers", "1", "--no-pictures")
+
+
+def _command(*arguments: object) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "_take_signals", lambda handler: None)
+        patch.setattr(sys, "argv", ["evaluate", *map(str, arguments)])
+        return command.main()
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "summary.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Finished runs: of one policy each, of both together, of other tasks, of another robot."""
+    folder = tmp_path_factory.mktemp("compare")
+    for name, arguments in {
+        "a": ("imitate", *TASKS),
+        "b": ("random", *TASKS),
+        "both": ("imitate", "random", *TASKS, "--no-latency"),
+        "tasks": ("random", *TASKS, "--tasks", "random:12:4"),
+        "narrow": ("random", *TASKS, "--preset", "narrow"),
+    }.items():
+        assert _command(*arguments, "--out", folder / name) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(runs: Path, tmp_path: Path) -> Path:
+    """A copy of a run, to be damaged."""
+    shutil.copytree(runs / "b", tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def test_comparison_of_folders__is_that_of_one_run(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _command("compare", runs / "a", runs / "b", "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out
+    here, there = _summary(tmp_path / "out"), _summary(runs / "both")
+    for key in ("comparisons", "profiles", "seeds", "tasks", "params", "preset"):
+        assert here[key] == there[key]
+    for name, run in (("imitate", "a"), ("random", "b")):
+        latency = here["policies"][name].pop("decision_latency_us")
+        assert latency == _summary(runs / run)["policies"][name]["decision_latency_us"]
+        del there["policies"][name]["decision_latency_us"]
+    assert here["policies"] == there["policies"]
+    episodes = (tmp_path / "out" / "episodes.csv").read_bytes()
+    assert episodes == (runs / "both" / "episodes.csv").read_bytes()
+    assert here["comparisons"][0]["sentence"] in printed
+    assert here["command"] == f"python -m evaluate compare {runs / 'a'} {runs / 'b'}"
+
+
+def test_policy_in_several_folders__is_named_with_its_folder(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _command("compare", runs / "both", runs / "b", "--out", out) == 0
+    names = ["imitate", f"random ({runs / 'both'})", f"random ({runs / 'b'})"]
+    assert list(_summary(out)["policies"]) == names
+    with (out / "episodes.csv").open(newline="") as file:
+        assert list(dict.fromkeys(row["policy"] for row in csv.DictReader(file))) == names
+    assert _command("compare", out) == 0  # what it writes is a finished run again
+    assert f"{names[2]} solves" in capsys.readouterr().out
+
+
+def _edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    summary = _summary(folder)
+    change(summary)
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+def _write(folder: Path, name: str, old: str, new: str) -> None:
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new, 1))
+
+
+def _drop_last_line(folder: Path) -> None:
+    path = folder / "episodes.csv"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+
+
+DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "interrupted": (
+        lambda f: (f / "episodes.partial.jsonl").touch(),
+        r"expected a finished run \(--resume finishes it\)",
+    ),
+    "no summary": (
+        lambda f: (f / "summary.json").unlink(),
+        r"a result folder \(summary\.json: No such file",
+    ),
+    "no episodes": (
+        lambda f: (f / "episodes.csv").unlink(),
+        r"a result folder \(episodes\.csv: No such file",
+    ),
+    "no JSON": (
+        lambda f: (f / "summary.json").write_text('{"poli'),
+        r"the summary of a run \(JSONDecodeError",
+    ),
+    "bytes": (lambda f: (f / "summary.json").write_bytes(b"\xff\x00"), "the summary of a run"),
+    "a list": (lambda f: (f / "summary.json").write_text("[]"), "the summary of a run"),
+    "foreign": (
+        lambda f: (f / "summary.json").write_text('{"accuracy": 1}'),
+        r"the summary of a run \(KeyError: 'tasks'\)",
+    ),
+    "no policies": (lambda f: _edit(f, lambda s: s["policies"].clear()), "no policies"),
+    "unknown constant": (
+        lambda f: _edit(f, lambda s: s["params"].update(mass=3)),
+        "unknown parameter 'mass'",
+    ),
+    "bad constant": (
+        lambda f: _edit(f, lambda s: s["params"].update(n_joints=99)),
+        "n_joints = 99: expected",
+    ),
+    "success that is none": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"].update(success=11)),
+        "11 successes of random, as its summary says",
+    ),
+    "other columns": (
+        lambda f: _write(f, "episodes.csv", "policy,task", "policy,number"),
+        "columns policy, number, outcome",
+    ),
+    "a word for a number": (
+        lambda f: _write(f, "episodes.csv", "random,3,", "random,three,"),
+        r"line 5: task = 'three'",
+    ),
+    "an unknown outcome": (
+        lambda f: _write(f, "episodes.csv", ",success,", ",boredom,"),
+        "outcome = 'boredom'",
+    ),
+    "an unknown policy": (
+        lambda f: _write(f, "episodes.csv", "random,3,", "chance,3,"),
+        "line 5: policy 'chance' is not in the summary",
+    ),
+    "a row too few": (_drop_last_line, "one row for each of 12 tasks; random has 11 rows"),
+    "a task twice": (
+        lambda f: _write(f, "episodes.csv", "random,3,", "random,4,"),
+        "one row for each of 12 tasks",
+    ),
+    "a torn row": (
+        lambda f: (f / "episodes.csv").write_text((f / "episodes.csv").read_text()[:-60]),
+        "the episodes of a run",
+    ),
+    "NUL bytes": (
+        lambda f: (f / "episodes.csv").write_bytes(b"\x00\xff" * 99),
+        "the episodes of a run",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_folder__is_refused_in_one_line(
+    damage: str, runs: Path, copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change, message = DAMAGES[damage]
+    change(copy)
+    assert _command("compare", runs / "a", copy, "--out", tmp_path / "out") == 2
+    stdout, stderr = capsys.readouterr()
+    assert stdout == ""
+    assert stderr.startswith("error: DIR = ")
+    assert "copy" in stderr
+    assert stderr.count("\n") == 1
+    assert re.search(message, stderr), stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("a tasks", r"tasks of .*tasks = 'random:12:4': expected the tasks of .*a, random:12:3"),
+        ("a narrow", r"head_contact in .*narrow = False: expected True, as in .*a"),
+        ("", r"DIR = \(\): expected at least one result folder"),
+        ("a a", r"DIR = .*a': expected each folder once"),
+        ("a missing", r"DIR = .*missing': expected a result folder"),
+        ("a b --overwrite", r"out = None: expected a folder, to go with --overwrite"),
+        ("a b --out b", r"out = .*b': expected an empty folder"),
+    ],
+)
+def test_folders_that_do_not_fit__are_refused(
+    arguments: str, message: str, runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [word if word[:1] == "-" else runs / word for word in arguments.split()]
+    before = (runs / "b" / "episodes.csv").read_bytes()
+    assert _command("compare", *words) == 2
+    stderr = capsys.readouterr().err
+    assert re.search(message, stderr), stderr
+    assert stderr.count("\n") == 1
+    assert (runs / "b" / "episodes.csv").read_bytes() == before
