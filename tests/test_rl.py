@@ -129,6 +129,8 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
         ("ppo --init nowhere.safetensors", "manifest"),
         ("dqn --hidden", "hidden"),
         ("dqn --seed -1", "seed"),
+        ("dqn --seeds 0", "seeds = 0: expected a positive"),
+        ("ppo --seeds 2 --workers 0", "workers = 0"),
         ("dqn --exploration 2", "exploration"),
         ("pppo", "did you mean 'ppo'"),
     ],
@@ -208,34 +210,35 @@ def test_init_critic__needs_a_value_network(
 
 @pytest.fixture(scope="module")
 def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("seeds") / "ppo"
-    assert main(arguments("ppo", out, "--seeds 2 --workers 2")) == 0
-    return out
+    folder = tmp_path_factory.mktemp("seeds")
+    assert main(arguments("ppo", folder / "ppo", "--seeds 2 --workers 2")) == 0
+    return folder
 
 
 def test_seeds__are_the_runs_that_one_would_make_alone(seeds: Path, tmp_path: Path) -> None:
-    assert {path.name for path in seeds.iterdir()} == {"s3", "s4", "seeds.json", "curve.png"}
+    assert {path.name for path in seeds.iterdir()} == {"ppo-s3", "ppo-s4", "ppo-seeds"}
     assert main(arguments("ppo", tmp_path / "alone", "--seed 4")) == 0
-    assert log(tmp_path / "alone") == log(seeds / "s4")
+    assert log(tmp_path / "alone") == log(seeds / "ppo-s4")
     one, other = (
-        read_model(run / "best.safetensors") for run in (tmp_path / "alone", seeds / "s4")
+        read_model(run / "best.safetensors") for run in (tmp_path / "alone", seeds / "ppo-s4")
     )
     assert same(one.network, other.network)
-    command = json.loads((seeds / "s4" / "run.json").read_text())["command"]
+    command = json.loads((seeds / "ppo-s4" / "run.json").read_text())["command"]
     assert command.endswith("--seed 4")
     assert "--seeds" not in command
-    spread = json.loads((seeds / "seeds.json").read_text())
-    assert spread["s4"] == dict(other.made["validation"])
+    assert (seeds / "ppo-seeds" / "curve.png").is_file()
+    spread = json.loads((seeds / "ppo-seeds" / "seeds.json").read_text())
+    assert spread["ppo-s4"] == dict(other.made["validation"])
 
 
 def test_seeds__that_were_killed_go_on(
     seeds: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "ppo"
-    shutil.copytree(seeds / "s3", out / "s3")  # the other has not been begun
+    shutil.copytree(seeds / "ppo-s3", tmp_path / "ppo-s3")  # the other has not been begun
     assert main(arguments("ppo", out, "--seeds 2 --workers 1 --resume")) == 0
-    for name in ("s3", "s4"):
-        assert log(out / name) == log(seeds / name)
+    for name in ("ppo-s3", "ppo-s4"):
+        assert log(tmp_path / name) == log(seeds / name)
     told = capfd.readouterr().out
-    assert "s3" in told
+    assert "ppo-s3" in told
     assert "worst" in told

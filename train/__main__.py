@@ -39,7 +39,7 @@ def main(args: list[str] | None = None) -> int:
         options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
         console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
         run = getattr(options, "run", None)
-        if isinstance(run, Run) and run.seeds > 1:
+        if isinstance(run, Run) and run.seeds != 1:
             from train.seeds import train_seeds  # takes a while to import
 
             train_seeds(words[0], options, words, console)

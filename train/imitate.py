@@ -115,7 +115,9 @@ def train(options: Options, console: Console) -> Path:
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
-        write_model(kept, Model("policy", params.n_joints, network, made))
+        model = Model("policy", params.n_joints, network, made)
+        for file in (kept, folder.path / "last.safetensors"):
+            write_model(file, model)
         row = {"round": number + 1}
         row |= {key: round(value, 5) for key, value in figures.items()}
         row |= options.validation(kept, params)

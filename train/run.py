@@ -54,7 +54,8 @@ class Run:
     seed: int = 0
     """Seed of everything random."""
     seeds: int = 1
-    """So many runs, with this seed and the next ones, side by side; each gets a folder s0, s1, ..."""
+    """So many runs, with this seed and the next ones, side by side: their folders end in -s0, -s1, ...,
+    and that of the spread in -seeds."""
     resume: bool = False
     """Go on with the interrupted run in the folder."""
     overwrite: bool = False
@@ -68,8 +69,6 @@ class Run:
         """
         if not 0 <= self.seed < 2**31:
             raise InvalidInputError("seed", self.seed, "an integer from 0 to 2^31 - 1")
-        if self.seeds < 1:
-            raise InvalidInputError("seeds", self.seeds, "a positive number")
         if self.overwrite and self.resume:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"

@@ -18,6 +18,7 @@ from rich.table import Table
 from evaluate.engine import Engine
 from evaluate.journal import write_atomically
 from evaluate.progress import progress
+from snake_env.errors import InvalidInputError
 from snake_env.model_file import read_model
 from train.curves import draw_curves
 from train.run import begin, words_without
@@ -41,7 +42,7 @@ class _Seed:
 
 
 def train_seeds(command: str, options: Any, words: Sequence[str], console: Console) -> None:
-    """Trains ``options.run.seeds`` runs; each has a folder of its own below that of all.
+    """Trains ``options.run.seeds`` runs, each in the folder that it would have alone.
 
     Args:
         command: What learns.
@@ -49,35 +50,43 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
         words: The command line that they came from.
         console: Where progress and the spread are shown.
     """
-    folder = options.run.folder(f"{command}-{options.robot.preset}-seeds")
+    if options.run.seeds < 1:
+        raise InvalidInputError("seeds", options.run.seeds, "a positive number")
+    options.engine.check()
     shared = words_without(words, "--seeds", "--seed", "--out")
     runs = []
     for seed in range(options.run.seed, options.run.seed + options.run.seeds):
-        out = folder / f"s{seed}"
+        out = _folder(command, options, f"s{seed}")
         begun = (out / "run.json").is_file()
         resume = options.run.resume and begun  # some may not have been begun
         run = dataclasses.replace(options.run, seed=seed, seeds=1, out=out, resume=resume)
         own = dataclasses.replace(options, run=run, engine=Engine(workers=1))
         runs.append(_Seed(command, own, [*shared, "--seed", str(seed)]))
-    folder.mkdir(parents=True, exist_ok=True)
     label = f"{command}, {len(runs)} seeds"
     with (
         progress(console, len(runs), "runs") as advance,
         closing(options.engine.map(_train, runs)) as finished,
     ):
-        for name in finished:
+        for path in finished:
             advance(label, 1)
-            console.print(f"{folder / name}: done", soft_wrap=True)
+            console.print(f"{path}: done", soft_wrap=True)
+    folder = _folder(command, options, "seeds")
     _report(folder, [run.options.run.out for run in runs], console)
 
 
-def _train(seed: _Seed) -> str:
-    """Trains one of the runs, in silence; its folder's name. A run that is done is left alone."""
+def _folder(command: str, options: Any, suffix: str) -> Path:
+    """``--out``, or what stands for it, with a suffix."""
+    name = options.run.out or Path("runs") / f"{command}-{options.robot.preset}"
+    return name.with_name(f"{name.name}-{suffix}")
+
+
+def _train(seed: _Seed) -> Path:
+    """Trains one of the runs, in silence; its folder. A run that is done is left alone."""
     begin(seed.words)
     module: Any = importlib.import_module(f"train.{seed.command}")
     module.train(seed.options, Console(file=io.StringIO()))
-    name: str = seed.options.run.out.name
-    return name
+    folder: Path = seed.options.run.out
+    return folder
 
 
 def _report(folder: Path, runs: Sequence[Path], console: Console) -> None:
@@ -85,6 +94,7 @@ def _report(folder: Path, runs: Sequence[Path], console: Console) -> None:
     best = {run.name: validation for run in runs for validation in _validation(run)}
     if not best:
         return  # a value network is not validated
+    folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "seeds.json", json.dumps(best, indent=1) + "\n")
     draw_curves(runs, folder / "curve.png")
     table = Table(box=None, title="best models, on tasks of validation-2k", title_justify="left")
