@@ -25,7 +25,7 @@ class Settings:
 
     timesteps: int = 4_000_000
     """Decisions to learn from."""
-    hidden: tuple[int, ...] = (480, 480, 240)
+    hidden: tuple[int, ...] = (384, 384, 192)
     """Sizes of the hidden layers."""
     num_envs: int = 256
     """Robots side by side."""

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from agents.checks import check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
-from agents.symmetry import mirror
 from agents.teacher import Decisions
 from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
+from snake_env.symmetry import mirror
 
 REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
 """What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""
@@ -34,7 +34,7 @@ REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
 class Fit:
     """How the network is fitted to the decisions."""
 
-    hidden: tuple[int, ...] = (480, 480, 240)
+    hidden: tuple[int, ...] = (384, 384, 192)
     """Sizes of the hidden layers."""
     epochs: int = 2
     """Passes over the decisions of the window, in each round but the last."""

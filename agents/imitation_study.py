@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from agents.imitate import Fit, Lessons, fit
-from agents.symmetry import mirror
 from snake_env.network import Network
+from snake_env.symmetry import mirror
 
 
 @dataclass(frozen=True)

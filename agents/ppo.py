@@ -23,7 +23,7 @@ class Settings:
 
     timesteps: int = 8_000_000
     """Decisions to learn from."""
-    hidden: tuple[int, ...] = (480, 480, 240)
+    hidden: tuple[int, ...] = (384, 384, 192)
     """Sizes of the actor's hidden layers."""
     critic_hidden: tuple[int, ...] = (256, 256, 128)
     """Sizes of the critic's hidden layers."""

@@ -19,6 +19,7 @@ from snake_env.params import SnakeParams
 from snake_env.search import best_of_each, expand
 from snake_env.simulation import advance_batch, predict_batch
 from snake_env.state import FloatArray, IntArray, StateBatch
+from snake_env.symmetry import preferences
 from snake_env.tasks import random_tasks
 from snake_env.value import ValueFunction, load_value
 
@@ -223,7 +224,8 @@ def _of_student(
     """
     params = shard.params
     mask = action_masks(states, "instant", params)
-    chosen = np.where(mask, student(observe(states, params)), -np.inf).argmax(axis=1)
+    ranks = preferences(student, observe(states, params), params.n_joints)
+    chosen = np.where(mask, ranks, -np.inf).argmax(axis=1)
     prediction = predict_batch(states, chosen, params)
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))

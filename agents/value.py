@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from agents.checks import check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
-from agents.symmetry import mirror
 from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
 from snake_env.network import Network
@@ -23,6 +22,7 @@ from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.search import best_of_each, expand
 from snake_env.state import StateBatch
+from snake_env.symmetry import mirror
 from snake_env.tasks import random_tasks
 from snake_env.value import NetworkValue, PhaseValue, ValueFunction
 

@@ -1,4 +1,7 @@
-"""Learned policies: one evaluation of a network for a decision, and no model roll-out."""
+"""Learned policies: one evaluation of a network for a decision, and no model roll-out.
+
+The network sees the state and its mirror image, side by side, and their preferences count alike.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from snake_env.network import Network
 from snake_env.observation import observe_one
 from snake_env.params import SnakeParams
 from snake_env.state import IntArray, SnakeState
+from snake_env.symmetry import preferences
 
 
 class NetworkPolicy:
@@ -50,22 +54,23 @@ class NetworkPolicy:
 
     def ranking(self, state: SnakeState) -> IntArray:
         """All modes that the mask allows, the preferred ones first; nothing counts as tried."""
-        preferences = self._preferences(state)
-        order = np.argsort(-preferences, kind="stable")
-        ranked: IntArray = order[: int(np.isfinite(preferences).sum())]
+        ranks = self._preferences(state)
+        order = np.argsort(-ranks, kind="stable")
+        ranked: IntArray = order[: int(np.isfinite(ranks).sum())]
         return ranked
 
     def _preferences(self, state: SnakeState) -> NDArray[np.float32]:
-        """The network's outputs; minus infinity where a mode is out of the question."""
+        """What the network prefers; minus infinity where a mode is out of the question."""
         observation, mask = observe_one(state, self._params)
-        preferences = self._network(observation)
-        preferences[~mask] = -np.inf
+        n_joints = self._params.n_joints
+        ranks: NDArray[np.float32] = preferences(self._network, observation[None], n_joints)[0]
+        ranks[~mask] = -np.inf
         if self._has_moved(state):
             self._where = state.phase, state.phi
             self._tried.clear()
         elif len(self._tried) < np.count_nonzero(mask):
-            preferences[self._tried] = -np.inf
-        return preferences
+            ranks[self._tried] = -np.inf
+        return ranks
 
     def _has_moved(self, state: SnakeState) -> bool:
         """Whether the robot is somewhere else than where the modes were tried."""

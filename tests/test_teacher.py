@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from agents.symmetry import mirror
 from agents.teacher import (
     FAILURE,
     FEW,
@@ -25,6 +24,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
 from snake_env.simulation import advance, predict
 from snake_env.state import SnakeState, StateBatch
+from snake_env.symmetry import mirror
 from snake_env.value import load_value
 from tests.conftest import PAPER, random_state, same_state, sim_1_episode
 

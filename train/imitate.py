@@ -44,9 +44,10 @@ class Options:
     fit: Fit = field(default_factory=Fit)
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
-    """Model file to begin with; default: random weights."""
+    """Model file of the student that plays first, and begins with its weights where it has these hidden
+    layers; default: the teacher plays first."""
     lessons: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
-    """Learn from the judgements that another run has collected, in a single round without playing."""
+    """Also learn from the judgements of another run; with --rounds 0 from these only."""
     rounds: int = 5
     """Rounds of playing and fitting."""
     decisions: int = 262_144
@@ -63,7 +64,9 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        check_positive(self, "rounds", "decisions")
+        check_positive(self, "decisions")
+        if self.rounds < (0 if self.lessons else 1):
+            raise InvalidInputError("rounds", self.rounds, "a positive number, or 0 with --lessons")
         if self.depth < 0:
             raise InvalidInputError("depth", self.depth, "zero or a positive number")
         if not self.overweight >= 1.0:
@@ -77,7 +80,8 @@ class Options:
 def train(options: Options, console: Console) -> Path:
     """Runs all rounds, or those that an interrupted run has left.
 
-    A round depends on the run's seed, its own number, the network before it and the window only.
+    A round depends on the run's seed, its own number, the network before it and the
+    judgements so far.
 
     Returns:
         The best model's file.
@@ -97,21 +101,25 @@ def train(options: Options, console: Console) -> Path:
     }
     folder = RunFolder(options.run, "imitate", options.robot, config)
     rows: list[dict[str, Any]] = list(folder.rows())
-    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else begun
+    sizes = [observation_size(params.n_joints), *options.fit.hidden]
+    network = begun if begun is not None and begun.sizes[:-1] == sizes else None
+    if rows:
+        network = read_model(_kept(folder.path, len(rows) - 1)).network
     torch.set_num_threads(1)
     warm_up(params)
-    rounds = 1 if given else options.rounds
-    for number in range(len(rows), rounds):
-        label = f"round {number + 1} of {rounds}"
-        if not given:
-            _play(options, number, network, params, folder.path, label, console)
+    last = max(0, options.rounds - 1)
+    for number in range(len(rows), last + 1):
+        label = f"round {number + 1} of {last + 1}"
+        if options.rounds > 0:
+            _play(options, number, network or begun, params, folder.path, label, console)
+        own = [_read(path) for path in sorted(folder.path.glob("lessons-*.npz"))]
         network, figures = fit(
             network,
-            given or [_read(_lessons(folder.path, k)) for k in range(number + 1)],
+            [*given, *own],
             options.fit,
             params.n_joints,
             seed=options.run.seed + 1000 * number,
-            last=number + 1 == rounds,
+            last=number == last,
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
