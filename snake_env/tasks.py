@@ -50,6 +50,9 @@ SUITES = {
     "FILE.npz": "your own: arrays phi0 (N, n) and target (N, n) [rad]",
 }
 
+_AT_A_TIME = 1000
+"""A source of random numbers takes two kilobytes: so many tasks of a suite are drawn together."""
+
 
 @dataclass(frozen=True, eq=False)
 class TaskSuite:
@@ -111,9 +114,12 @@ def random_suite(count: int, seed: int, params: SnakeParams, name: str | None = 
         params: The constants; shapes depend on ``n_joints``, ``l`` and ``phi_limit``.
         name: Name of the suite.
     """
-    streams = [np.random.SeedSequence(seed, spawn_key=(task,)) for task in range(count)]
-    rngs = [np.random.default_rng(stream) for stream in streams]
-    phi0, target = random_tasks(rngs, params)
+    parts = []
+    for first in range(0, count, _AT_A_TIME):
+        tasks = range(first, min(first + _AT_A_TIME, count))
+        streams = [np.random.SeedSequence(seed, spawn_key=(task,)) for task in tasks]
+        parts.append(random_tasks([np.random.default_rng(stream) for stream in streams], params))
+    phi0, target = (np.concatenate(shapes) for shapes in zip(*parts, strict=True))
     return TaskSuite(name or f"random:{count}:{seed}", phi0, target)
 
 

@@ -14,7 +14,7 @@ ORDER = [
     *("control", "cost", "stability", "features", "compiler", "blocks", "kernel", "lane_function"),
     *("mask_kernel", "simulation", "optimizer", "tasks", "masks", "episode", "reward", "skid"),
     *("observation", "programs", "network", "model_file", "value", "search"),
-    *("policy", "lookahead", "network_policy", "shield"),
+    *("symmetry", "policy", "lookahead", "network_policy", "shield"),
     *("transition", "core", "drawing", "rendering", "env", "wrappers"),
     *("policies", "best_known", "vector_env", "sb3"),
     *("__init__", "__main__"),

@@ -40,24 +40,46 @@ def preferring(order: list[int]) -> Model:
     return Model("policy", 8, Network([np.zeros((99, 99), dtype=np.float32)], [bias]))
 
 
+def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
+    """What the network says of the state and of the mirrored robot, together; and the mask."""
+    observation, mask = observe_one(state, PARAMS)
+    x, y, theta = state.w - PARAMS.w_d
+    mirrored = state.replace(
+        w=np.array([x, -y, -theta]) + PARAMS.w_d,
+        phi=-state.phi,
+        target=-state.target,
+        ref_start=-state.ref_start,
+        last_turn=-state.last_turn,
+    )
+    image, _ = observe_one(mirrored, PARAMS)
+    return model.network(observation) + model.network(image), mask
+
+
 @pytest.mark.parametrize("task", range(5))
 def test_choice__is_the_preferred_stable_mode(task: int) -> None:
     state, model = SUITE.initial(task, PARAMS), model_of(task)
-    observation, mask = observe_one(state, PARAMS)
-    preferences = model.network(observation)
+    preferences, mask = wanted(model, state)
     policy = NetworkPolicy(PARAMS, model)
     mode = policy.select_mode(state)
     assert mask[mode]
-    assert preferences[mode] == preferences[mask].max()
+    assert preferences[mode] == pytest.approx(preferences[mask].max(), rel=1e-4)
     assert policy.rollouts == 0
 
 
 def test_ranking__holds_every_open_mode_once_the_best_first() -> None:
     state, model = SUITE.initial(0, PARAMS), model_of()
     ranking = NetworkPolicy(PARAMS, model).ranking(state)
-    observation, mask = observe_one(state, PARAMS)
+    preferences, mask = wanted(model, state)
     np.testing.assert_array_equal(np.sort(ranking), np.flatnonzero(mask))
-    assert (np.diff(model.network(observation)[ranking]) <= 0.0).all()
+    assert (np.diff(preferences[ranking]) <= 1e-4).all()
+
+
+@pytest.mark.parametrize("task", range(10))
+def test_choice__is_that_of_the_mirrored_robot(task: int) -> None:
+    state = SUITE.initial(task, PARAMS)
+    mirrored = SnakeState.initial(-state.phi, -state.target, PARAMS)
+    one, other = (NetworkPolicy(PARAMS, model_of(task)).select_mode(s) for s in (state, mirrored))
+    assert one == other
 
 
 def test_standing_still__no_choice_is_repeated_until_all_have_been_tried() -> None:
