@@ -19,7 +19,7 @@ from snake_env.params import SnakeParams
 from snake_env.search import best_of_each, expand
 from snake_env.simulation import advance_batch, predict_batch
 from snake_env.state import FloatArray, IntArray, StateBatch
-from snake_env.symmetry import preferences
+from snake_env.symmetry import SymmetricNetwork
 from snake_env.tasks import random_tasks
 from snake_env.value import ValueFunction, load_value
 
@@ -224,7 +224,7 @@ def _of_student(
     """
     params = shard.params
     mask = action_masks(states, "instant", params)
-    ranks = preferences(student, observe(states, params), params.n_joints)
+    ranks = SymmetricNetwork(student, params.n_joints)(observe(states, params))
     chosen = np.where(mask, ranks, -np.inf).argmax(axis=1)
     prediction = predict_batch(states, chosen, params)
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from snake_env.episode import STILL
 from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
-from snake_env.network import Network
 from snake_env.observation import observe_one
 from snake_env.params import SnakeParams
 from snake_env.state import IntArray, SnakeState
-from snake_env.symmetry import preferences
+from snake_env.symmetry import SymmetricNetwork
 
 
 class NetworkPolicy:
@@ -38,7 +37,7 @@ class NetworkPolicy:
         model.check(params)
         self.rollouts = 0
         self._params = params
-        self._network: Network = model.network
+        self._network = SymmetricNetwork(model.network, params.n_joints)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -62,8 +61,7 @@ class NetworkPolicy:
     def _preferences(self, state: SnakeState) -> NDArray[np.float32]:
         """What the network prefers; minus infinity where a mode is out of the question."""
         observation, mask = observe_one(state, self._params)
-        n_joints = self._params.n_joints
-        ranks: NDArray[np.float32] = preferences(self._network, observation[None], n_joints)[0]
+        ranks: NDArray[np.float32] = self._network(observation[None])[0]
         ranks[~mask] = -np.inf
         if self._has_moved(state):
             self._where = state.phase, state.phi

@@ -44,21 +44,33 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     return np.array(order), np.array(sign, dtype=np.float32)
 
 
-def preferences(network: Network, observations: Float32Array, n_joints: int) -> Float32Array:
-    """What a network prefers in states and in their mirror images, added up.
+class SymmetricNetwork:
+    """A network that is asked about states and about their mirror images; the answers are added up.
+
+    Its first layer is there twice, the second time for observations that are not mirrored yet.
 
     Args:
-        network: From observations to a preference for each mode.
-        observations: Shape (N, observation_size).
+        network: Takes observations.
         n_joints: Joints of the robots.
-
-    Returns:
-        Shape (N, n_modes).
     """
-    order, sign = mirror(n_joints)
-    images = observations[:, order]
-    images *= sign
-    both = network(np.concatenate([observations, images]))
-    count = len(observations)
-    result: Float32Array = both[:count] + both[count:]
-    return result
+
+    def __init__(self, network: Network, n_joints: int) -> None:
+        order, sign = mirror(n_joints)
+        first = network.weights[0]
+        image = np.empty_like(first)
+        image[order] = sign[:, None] * first
+        self._first = np.concatenate([first, image], axis=1)
+        self._first_bias = np.concatenate([network.biases[0]] * 2)
+        self._rest = list(zip(network.weights[1:], network.biases[1:], strict=True))
+
+    def __call__(self, observations: Float32Array) -> Float32Array:
+        """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
+        x = observations @ self._first
+        x += self._first_bias
+        x = x.reshape(2 * len(observations), -1)  # each state, then its image
+        for weight, bias in self._rest:
+            np.maximum(x, 0.0, out=x)
+            x = x @ weight
+            x += bias
+        result: Float32Array = x[0::2] + x[1::2]
+        return result

@@ -19,12 +19,13 @@ from agents.teacher import (
 from agents.teacher import join as joined
 from snake_env.masks import action_masks
 from snake_env.modes import mode_table
+from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
 from snake_env.simulation import advance, predict
 from snake_env.state import SnakeState, StateBatch
-from snake_env.symmetry import mirror
+from snake_env.symmetry import SymmetricNetwork, mirror
 from snake_env.value import load_value
 from tests.conftest import PAPER, random_state, same_state, sim_1_episode
 
@@ -33,17 +34,11 @@ NARROW = SnakeParams.preset("narrow")
 BLOCKED = random_state(1, NARROW, 7)  # no mode is feasible
 
 
-class _Student:
+def _student(n_joints: int, highest: bool) -> Network:
     """Always prefers the lowest mode, or the highest."""
-
-    def __init__(self, n_joints: int, highest: bool) -> None:
-        self.inputs = observation_size(n_joints)
-        self.preferences = np.arange(len(mode_table(n_joints)), dtype=np.float32)
-        self.preferences *= 1.0 if highest else -1.0
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        assert x.shape[1:] == (self.inputs,)
-        return np.tile(self.preferences, (len(x), 1))
+    preferences = np.arange(len(mode_table(n_joints)), dtype=np.float32)
+    shape = observation_size(n_joints), len(preferences)
+    return Network([np.zeros(shape, np.float32)], [preferences if highest else -preferences])
 
 
 def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
@@ -260,6 +255,22 @@ def test_mirror__is_the_observation_of_the_mirrored_robot(params: SnakeParams) -
     assert np.abs(one - other).max(axis=0).astype(bool).sum() > len(sign) / 2
 
 
+@pytest.mark.parametrize("hidden", [[], [11], [11, 7]])
+@pytest.mark.parametrize("n_joints", [5, 8])
+def test_symmetric_network__adds_up_what_both_images_get(n_joints: int, hidden: list[int]) -> None:
+    sizes = [observation_size(n_joints), *hidden, 4]
+    rng = np.random.default_rng(len(hidden))
+    network = Network(
+        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    order, sign = mirror(n_joints)
+    x = rng.uniform(-1.0, 1.0, (6, sizes[0])).astype(np.float32)
+    symmetric = SymmetricNetwork(network, n_joints)
+    np.testing.assert_allclose(symmetric(x), network(x) + network(x[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
+
+
 @pytest.mark.parametrize("n_joints", [5, 8, 9, 16])
 def test_mirror__twice_is_nothing(n_joints: int) -> None:
     order, sign = mirror(n_joints)
@@ -317,7 +328,7 @@ def _steps(decisions: Decisions) -> list[tuple[int, int]]:
 
 
 def test_collect__visits_the_states_of_a_student() -> None:
-    found = _collected(PAPER, student=_Student(8, highest=False), decisions=300)
+    found = _collected(PAPER, student=_student(8, highest=False), decisions=300)
     steps = _steps(found)
     assert len(steps) > 100
     for before, after in steps:
@@ -329,7 +340,7 @@ def test_collect__visits_the_states_of_a_student() -> None:
 
 @pytest.mark.parametrize("params", [NARROW, PAPER])
 def test_collect__goes_on_with_the_teacher_where_the_student_fails(params: SnakeParams) -> None:
-    found = _collected(params, student=_Student(params.n_joints, highest=True), decisions=400)
+    found = _collected(params, student=_student(params.n_joints, highest=True), decisions=400)
     followed = refused = 0
     for before, after in _steps(found):
         chosen = found.states.last_mode[after]
@@ -374,10 +385,10 @@ def test_overweight__keeps_more_states_near_a_deadlock() -> None:
 
 
 def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:
-    student = _Student(8, highest=True)
+    student = _student(8, highest=True)
 
     def wrong(decisions: Decisions) -> float:
-        favourite = np.where(decisions.mask, student.preferences, -np.inf).argmax(axis=1)
+        favourite = np.where(decisions.mask, student.biases[0], -np.inf).argmax(axis=1)
         return float(np.mean(~decisions.feasible[np.arange(len(favourite)), favourite]))
 
     plain, often = (
