@@ -1,7 +1,7 @@
 # Everything runs in .venv, made from the committed lock. Needed: Python 3.11 and make.
 
 PYTHON ?= python3.11
-DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 imitate imitate+shield random skid --tasks paper-500 --out report --overwrite
+DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 value ppo ppo+shield random skid --tasks paper-500 --out report --overwrite
 
 LOCK := requirements/lock.txt
 RUN := .venv/bin/python

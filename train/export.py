@@ -110,10 +110,16 @@ def _card(name: str, model: Model, about: dict[str, Any]) -> str:
         if config["params"]["head_contact"]
         else "no contact of link 0",
         command=about["command"],
-        init=config.get("init") or "random weights",
+        init=_beginning(config),
         seed=config["seed"],
         network=" - ".join(map(str, model.network.sizes)),
         git=about["git"] or "unknown",
         validation=figures,
         limits=_LIMITS[model.kind],
     )
+
+
+def _beginning(config: dict[str, Any]) -> str:
+    """What a run began with."""
+    begun: str = config.get("init") or "random weights"
+    return begun + (f" and the judgements of {config['lessons']}" if config.get("lessons") else "")
