@@ -82,6 +82,12 @@ def test_signed_rank__is_what_all_signs_give(count: int) -> None:
     assert signed_rank(values) == pytest.approx(extreme)
 
 
+@pytest.mark.parametrize("same", [0, 1, 95])
+def test_signed_rank__is_exact_for_few_differences_beside_tasks_without(same: int) -> None:
+    values = np.append(np.full(5, 3.0), np.zeros(same))
+    assert signed_rank(values) == pytest.approx(2 / 2**5)
+
+
 def test_signed_rank__with_many_ties_is_the_normal_approximation() -> None:
     """Times are multiples of 3 s: most differences are 0 or occur often."""
     values = np.repeat([-6.0, -3.0, 0.0, 3.0], [20, 60, 90, 30])
@@ -266,6 +272,12 @@ def test_groups__are_runs_that_differ_in_their_seed() -> None:
     seeds = [f"runs/ppo-paper-s{k}/best.safetensors" for k in (0, 1, 12)]
     others = ["analytic", "runs/dqn-paper-s0/best.safetensors", f"{seeds[0]}+shield", "my-s1"]
     assert groups(["analytic", *seeds, *others]) == {"runs/ppo-paper-s*/best.safetensors": seeds}
+
+
+def test_groups__one_policy_in_several_result_folders_is_no_group() -> None:
+    assert groups(["analytic (out-s1/a)", "analytic (out-s2/a)"]) == {}
+    twice = [f"runs/m-s{seed}/best (out-s1/a)" for seed in (0, 1)]
+    assert groups(twice) == {"runs/m-s*/best (out-s1/a)": twice}
 
 
 @settings(deadline=None, max_examples=5)
