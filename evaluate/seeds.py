@@ -14,7 +14,8 @@ import numpy as np
 
 from evaluate.comparison import ALPHA, RESAMPLES, SEED, FloatArray, Interval, Results
 
-_SEED_OF_RUN = re.compile(r"-s\d+(?=/)")
+# ... but not in the folder that a comparison adds to a name: that is one policy, evaluated twice.
+_SEED_OF_RUN = re.compile(r"-s\d+(?=/)(?![^(]*\)$)")
 
 
 def groups(policies: Iterable[str]) -> dict[str, list[str]]:
