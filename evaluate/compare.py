@@ -116,7 +116,10 @@ def read_summary(folder: Path) -> dict[str, Any]:
             raise ValueError("no policies")
         for figures in summary["policies"].values():
             int(figures["success"])
-            figures["decision_latency_us"]["p50"]
+            for key in ("p50", "p95", "p99"):
+                value = figures["decision_latency_us"][key]
+                if not isinstance(value, float | int | None):
+                    raise ValueError(f"{key} is {value!r}")
     except OSError as error:
         expected = f"a result folder ({path.name}: {error.strerror})"
         raise InvalidInputError("DIR", str(folder), expected) from None

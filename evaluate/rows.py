@@ -30,7 +30,10 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> NDArray[np.void]:
         if tuple(row) != COLUMNS:
             raise ValueError(f"columns {_listed(row)} instead of {_listed(COLUMNS)}")
         packed.append(tuple(row.values()))
-    return np.array(packed, dtype=_PACKED)
+    try:
+        return np.array(packed, dtype=_PACKED)
+    except OverflowError:
+        raise ValueError("a number that is too large") from None
 
 
 def parsed(texts: Mapping[str, str | None]) -> Row:
@@ -47,7 +50,9 @@ def parsed(texts: Mapping[str, str | None]) -> Row:
             raise ValueError(f"no {name}")
         try:
             row[name] = _READ.get(_TYPES.get(name), str)(text)
-        except ValueError:
+            if isinstance(row[name], int):
+                np.int64(row[name])
+        except (ValueError, OverflowError):
             raise ValueError(f"{name} = {text!r}") from None
     if row["outcome"] not in OUTCOMES:
         raise ValueError(f"outcome = {row['outcome']!r}")

@@ -142,6 +142,20 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
         lambda f: _write(f, "episodes.csv", "random,3,", "random,three,"),
         r"line 5: task = 'three'",
     ),
+    "a number that is too large": (
+        lambda f: _write(f, "episodes.csv", "random,3,", f"random,{9**30},"),
+        r"line 5: task = '\d{28,}'",
+    ),
+    "no 95th percentile": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"]["decision_latency_us"].pop("p95")),
+        "KeyError: 'p95'",
+    ),
+    "a word for a latency": (
+        lambda f: _edit(
+            f, lambda s: s["policies"]["random"]["decision_latency_us"].update(p95="soon")
+        ),
+        "p95 is 'soon'",
+    ),
     "an unknown outcome": (
         lambda f: _write(f, "episodes.csv", ",success,", ",boredom,"),
         "outcome = 'boredom'",

@@ -141,6 +141,7 @@ FOREIGN = {
     "two policies": {"rows": [_row("a", 20), _row("b", 20)]},
     "other columns": {"rows": [{"policy": "a", "task": 20}]},
     "a text for a number": {"rows": [_row("a", 20, time_s="soon")]},
+    "a number that is too large": {"rows": [_row("a", 20, intervals=10**30)]},
 }
 
 
