@@ -195,7 +195,8 @@ def _read_tasks(path: Path, params: SnakeParams) -> TaskSuite:
         )
     shapes = {
         key: [
-            checked_shape(f"{key}[{row}]", values, params) for row, values in enumerate(arrays[key])
+            checked_shape(f"{path}: {key}[{row}]", values, params)
+            for row, values in enumerate(arrays[key])
         ]
         for key in ("phi0", "target")
     }
