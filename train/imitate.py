@@ -195,7 +195,7 @@ def _lessons(path: Path, number: int) -> Path:
 
 
 def _read(path: Path) -> Lessons:
-    with np.load(path) as file:
+    with path.open("rb") as raw, np.load(raw) as file:
         return Lessons(file["observations"], file["cost"])
 
 
