@@ -9,8 +9,10 @@ values, fitted to the costs.
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from agents.checks import check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from agents.teacher import Decisions
+from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
@@ -37,7 +40,7 @@ class Fit:
     hidden: tuple[int, ...] = (384, 384, 192)
     """Sizes of the hidden layers."""
     epochs: int = 2
-    """Passes over the decisions of the window, in each round but the last."""
+    """Passes over all decisions so far, in each round but the last."""
     last_epochs: int = 8
     """Passes in the last round, in which the learning rate falls to a hundredth."""
     batch_size: int = 512
@@ -79,6 +82,22 @@ def lessons(decisions: Decisions, params: SnakeParams) -> Lessons:
     chosen = decisions.take(np.flatnonzero(decisions.feasible.any(axis=1)))
     cost = np.where(chosen.mask, chosen.cost_to_go, -1.0)
     return Lessons(observe(chosen.states, params), cost.astype(np.float16))
+
+
+def read_lessons(run: Path) -> list[Lessons]:
+    """The lessons that a run of ``train imitate`` has collected, round by round.
+
+    Raises:
+        InvalidInputError: They are damaged.
+    """
+    parts = []
+    for path in sorted(run.glob("lessons-*.npz")):
+        try:
+            with path.open("rb") as raw, np.load(raw) as file:
+                parts.append(Lessons(file["observations"], file["cost"]))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise InvalidInputError("lessons", str(run), f"undamaged lessons ({error})") from None
+    return parts
 
 
 def fit(

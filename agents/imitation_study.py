@@ -18,9 +18,9 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from agents.imitate import Fit, Lessons, fit
+from agents.imitate import Fit, Lessons, fit, read_lessons
 from snake_env.network import Network
-from snake_env.symmetry import mirror
+from snake_env.observation import observation_size
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ def held_out(network: Network, lessons: Lessons) -> tuple[float, float]:
 
 def split(run: Path, decisions: int, seed: int = 0) -> tuple[Lessons, Lessons]:
     """Judgements to learn from, and others."""
-    files = [np.load(path) for path in sorted(run.glob("lessons-*.npz"))]
-    observations = np.concatenate([file["observations"] for file in files])
-    cost = np.concatenate([file["cost"] for file in files])
+    lessons = read_lessons(run)
+    observations = np.concatenate([part.observations for part in lessons])
+    cost = np.concatenate([part.cost for part in lessons])
     order = np.random.default_rng(seed).permutation(len(cost))
     cut = min(decisions, int(len(order) / 1.1))
     parts = order[:cut], order[cut : cut + math.ceil(cut / 10)]
@@ -74,7 +74,7 @@ def main(options: Options) -> None:
     torch.set_num_threads(1)
     console = Console(width=100)
     learned, other = split(options.lessons, options.decisions)
-    n_joints = next(n for n in range(5, 17) if len(mirror(n)[0]) == learned.observations.shape[1])
+    n_joints = next(n for n in range(5, 17) if observation_size(n) == learned.observations.shape[1])
     console.print(f"{len(learned.cost)} judgements to learn from, {len(other.cost)} held out")
     table = Table(box=None)
     for column in ("option", "value", "infeasible [%]", "regret of the others [intervals]"):

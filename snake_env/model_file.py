@@ -45,8 +45,10 @@ class Model:
     made: Mapping[str, Any] = field(default_factory=dict)
     sha256: str = ""
 
-    def check(self, params: SnakeParams) -> None:
-        """Raises InvalidInputError if the model is not for robots with these constants."""
+    def check(self, params: SnakeParams, kind: Kind) -> None:
+        """Raises InvalidInputError unless the model is of this kind and for these robots."""
+        if self.kind != kind:
+            raise InvalidInputError("model.kind", self.kind, kind)
         if params.n_joints != self.n_joints:
             raise InvalidInputError("n_joints", params.n_joints, f"{self.n_joints}: the model's")
 

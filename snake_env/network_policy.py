@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.episode import STILL
-from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model
 from snake_env.observation import observe_one
 from snake_env.params import SnakeParams
@@ -32,9 +31,7 @@ class NetworkPolicy:
     """
 
     def __init__(self, params: SnakeParams, model: Model) -> None:
-        if model.kind != "policy":
-            raise InvalidInputError("model.kind", model.kind, "policy")
-        model.check(params)
+        model.check(params, "policy")
         self.rollouts = 0
         self._params = params
         self._network = SymmetricNetwork(model.network, params.n_joints)

@@ -9,7 +9,6 @@ from typing import Protocol
 
 import numpy as np
 
-from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
@@ -51,9 +50,7 @@ class NetworkValue:
     """
 
     def __init__(self, model: Model, params: SnakeParams) -> None:
-        if model.kind != "value":
-            raise InvalidInputError("model.kind", model.kind, "value")
-        model.check(params)
+        model.check(params, "value")
         self.network, self._params = model.network, params
 
     def __call__(self, states: StateBatch) -> FloatArray:

@@ -120,9 +120,9 @@ def test_manifest__tells_what_the_model_is(path: Path) -> None:
 
 def test_check__accepts_robots_of_as_many_joints_only() -> None:
     model = _model(n_joints=5)
-    model.check(SnakeParams(n_joints=5))
+    model.check(SnakeParams(n_joints=5), model.kind)
     with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5: the model's$"):
-        model.check(PAPER)
+        model.check(PAPER, model.kind)
 
 
 @pytest.mark.parametrize("place", [0, 3, 8, 60, -400, -1])

@@ -118,7 +118,7 @@ def _student(path: Path, params: SnakeParams) -> Model:
     model = read_model(path)
     if model.kind != "policy":
         raise InvalidInputError("student", str(path), "the model of a policy")
-    model.check(params)
+    model.check(params, "policy")
     return model
 
 

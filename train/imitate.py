@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +13,7 @@ import tyro
 from rich.console import Console
 
 from agents.checks import check_positive
-from agents.imitate import Fit, Lessons, fit, lessons
+from agents.imitate import Fit, Lessons, fit, lessons, read_lessons
 from agents.teacher import Visit, collect
 from evaluate.engine import Engine
 from evaluate.progress import progress
@@ -87,7 +86,7 @@ def train(options: Options, console: Console) -> Path:
         The best model's file.
     """
     params = options.check()
-    begun = None if options.init is None else read_model(options.init).network
+    begun = None if options.init is None else _student(options.init, params)
     given = _given(options.lessons, params)
     config = {
         **dataclasses.asdict(options.fit),
@@ -112,10 +111,9 @@ def train(options: Options, console: Console) -> Path:
         label = f"round {number + 1} of {last + 1}"
         if options.rounds > 0:
             _play(options, number, network or begun, params, folder.path, label, console)
-        own = [_read(path) for path in sorted(folder.path.glob("lessons-*.npz"))]
         network, figures = fit(
             network,
-            [*given, *own],
+            [*given, *read_lessons(folder.path)],
             options.fit,
             params.n_joints,
             seed=options.run.seed + 1000 * number,
@@ -194,9 +192,11 @@ def _lessons(path: Path, number: int) -> Path:
     return path / f"lessons-{number}.npz"
 
 
-def _read(path: Path) -> Lessons:
-    with path.open("rb") as raw, np.load(raw) as file:
-        return Lessons(file["observations"], file["cost"])
+def _student(path: Path, params: SnakeParams) -> Network:
+    """The network of a policy for these robots."""
+    model = read_model(path)
+    model.check(params, "policy")
+    return model.network
 
 
 def _given(run: Path | None, params: SnakeParams) -> list[Lessons]:
@@ -207,13 +207,9 @@ def _given(run: Path | None, params: SnakeParams) -> list[Lessons]:
     """
     if run is None:
         return []
-    paths = sorted(run.glob("lessons-*.npz"))
-    if not paths:
+    parts = read_lessons(run)
+    if not parts:
         raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
-    try:
-        parts = [_read(path) for path in paths]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInputError("lessons", str(run), f"undamaged lessons ({error})") from None
     if parts[0].observations.shape[1] != observation_size(params.n_joints):
         raise InvalidInputError("lessons", str(run), f"those of {params.n_joints} joints")
     return parts

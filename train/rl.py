@@ -111,7 +111,7 @@ def train(
     name = algorithm.__name__.rsplit(".", 1)[-1]
     begun = None if loop.init is None else read_model(loop.init)
     if begun is not None:
-        begun.check(params)
+        begun.check(params, "policy")
     critic = None if init_critic is None else NetworkValue(read_model(init_critic), params).network
     config = {
         **dataclasses.asdict(settings),
