@@ -100,7 +100,7 @@ def evaluate(options: Options) -> int:
             from evaluate.pictures import draw_all  # matplotlib takes a while to import
             from evaluate.report import write_report
 
-            draw_all(options.out, options.names, store, params)
+            draw_all(options.out, rows, params)
             page = write_report(options.out, options.names, rows, summary, params, suite)
             console.print(f"report: {page}", soft_wrap=True)
         if options.video:
@@ -143,9 +143,9 @@ def _run(
         progress(console, left, "episodes") as advance,
         closing(options.engine.map(run_shard, shards)) as results,
     ):
-        for result in results:
-            store.add(result)
-            advance(result.rows[0]["policy"], len(result.rows))
+        for rows in results:
+            store.add(rows)
+            advance(rows[0]["policy"], len(rows))
 
 
 def _stop(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from evaluate.outside import make_policy
 from evaluate.protocol import SKID, Row, run_episode
 from evaluate.replay import Replay, replay
-from evaluate.store import Store
 from snake_env.drawing import (
     BODY,
     GRAVITY,
@@ -48,17 +47,17 @@ _FRAMES = 8
 _MARGIN = 0.12  # around the robot [m]
 
 
-def draw_all(folder: Path, policies: Sequence[str], store: Store, params: SnakeParams) -> None:
+def draw_all(folder: Path, rows: Mapping[str, Sequence[Row]], params: SnakeParams) -> None:
     """Draws each policy's Fig. 4, and Fig. 5 and the filmstrip for the first that chooses modes."""
     with matplotlib.rc_context(_STYLE):
-        for policy in policies:
+        for policy, own in rows.items():
             file = f"fig4-{file_name(policy)}.png"
-            figure_4(policy, store.rows(policy), params).savefig(folder / file)
-        choosing = [policy for policy in policies if policy != SKID]
+            figure_4(policy, own, params).savefig(folder / file)
+        choosing = [policy for policy in rows if policy != SKID]
         if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
-            row = run_episode(make_policy(policy, params), state, params, 0, [])
+            row = run_episode(make_policy(policy, params), state, params, 0)
             if row["modes"]:
                 played = replay(state, [int(mode) for mode in row["modes"].split()], params)
                 name = file_name(policy)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,19 +55,6 @@ class Shard:
     decision_timeout_s: float | None = None
 
 
-@dataclass(frozen=True)
-class ShardResult:
-    """What a shard's episodes gave.
-
-    Attributes:
-        rows: One row per task.
-        latencies_us: Duration of each decision [us].
-    """
-
-    rows: list[Row]
-    latencies_us: list[float]
-
-
 def check_policy(name: str, params: SnakeParams) -> None:
     """Raises what :func:`evaluate.outside.make_policy` would, before any work has been done."""
     if name == SKID:
@@ -80,10 +66,9 @@ def check_policy(name: str, params: SnakeParams) -> None:
         raise UnknownNameError(error.kind, error.name, known) from None
 
 
-def run_shard(shard: Shard) -> ShardResult:
-    """Runs a shard's episodes in order."""
+def run_shard(shard: Shard) -> list[Row]:
+    """Runs a shard's episodes in order: one row per task."""
     rows: list[Row] = []
-    latencies: list[float] = []
     policy = None if shard.policy == SKID else make_policy(shard.policy, shard.params)
     for task, state in zip(shard.tasks, shard.states, strict=True):
         if policy is None:
@@ -91,9 +76,9 @@ def run_shard(shard: Shard) -> ShardResult:
             row = {**dataclasses.asdict(summary), "rollouts": 0, "modes": "", "error": ""}
         else:
             limit = shard.decision_timeout_s
-            row = run_episode(policy, state, shard.params, task, latencies, limit)
+            row = run_episode(policy, state, shard.params, task, limit)
         rows.append({"policy": shard.policy, "task": task, **row})
-    return ShardResult(rows, latencies)
+    return rows
 
 
 def run_episode(
@@ -101,7 +86,6 @@ def run_episode(
     state: SnakeState,
     params: SnakeParams,
     seed: int,
-    latencies: list[float],
     decision_timeout_s: float | None = None,
 ) -> Row:
     """Runs one episode.
@@ -111,7 +95,6 @@ def run_episode(
         state: Where it begins.
         params: The constants.
         seed: For policies that draw random numbers: the task's id.
-        latencies: Takes the duration of each decision [us].
         decision_timeout_s: What a decision may take [s]; None: any time.
 
     Returns:
@@ -125,9 +108,7 @@ def run_episode(
     try:
         within(decision_timeout_s, policy.reset, seed)
         while not episode.outcome:
-            began = time.perf_counter_ns()
             mode = within(decision_timeout_s, policy.select_mode, state)
-            latencies.append((time.perf_counter_ns() - began) / 1e3)
             after, prediction = advance(state, mode, params)
             if prediction.violation[0] and not any_feasible(state, params):
                 episode.end("deadlock")

@@ -56,7 +56,7 @@ class Changes:
 
 def input_changes(policy: str, state: SnakeState, params: SnakeParams, seed: int) -> Changes:
     """Largest changes of the input in one episode."""
-    row = run_episode(load_policy(policy, params), state, params, seed, [])
+    row = run_episode(load_policy(policy, params), state, params, seed)
     played = replay(state, [int(mode) for mode in row["modes"].split()], params)
     inside, at_mode, at_phase = [0.0], [0.0], [0.0]
     for k, motion in enumerate(played.motions):

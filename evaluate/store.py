@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluate.journal import Journal, atomic_writer, writable_folder, write_atomically
-from evaluate.protocol import COLUMNS, Row, ShardResult
+from evaluate.protocol import COLUMNS, Row
 from evaluate.rows import Rows, pack
 from snake_env.errors import InvalidInputError
 
@@ -66,11 +66,11 @@ class Store:
             path, config, resume=resume, take=lambda entry: self._take(entry["rows"])
         )
 
-    def add(self, result: ShardResult) -> None:
+    def add(self, rows: list[Row]) -> None:
         """Takes a finished shard."""
-        self._take(result.rows)
+        self._take(rows)
         if self.folder is not None:
-            self._journal.append({"rows": result.rows})
+            self._journal.append({"rows": rows})
 
     def _take(self, rows: list[Row]) -> None:
         packed = pack(rows)

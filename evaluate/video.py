@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evaluate.protocol import SKID, Row
-from evaluate.report.episodes import Choice, fastest_other
+from evaluate.protocol import Row
+from evaluate.report.episodes import Choice, fastest_other, that_choose
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
 from snake_env.drawing import INK, geometry
@@ -80,7 +80,7 @@ def _wanted(
         episodes = collect(policies, rows, params, suite)
         return first_simulation + [e for e in episodes if e.choice.group == "Typical"]
     wanted = []
-    choosing = [policy for policy in policies if policy != SKID] or list(policies)
+    choosing = that_choose(policies)
     for name in dict.fromkeys(wish.split(",")):
         if name == SIM_1:
             wanted += first_simulation

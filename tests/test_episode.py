@@ -116,7 +116,7 @@ def test_figures__add_up_over_intervals() -> None:
 def test_figures__of_sim_1_are_those_of_its_motion() -> None:
     states, modes, motions = sim_1_episode()
     c = oracle_constants(PAPER)
-    row = run_episode(load_policy("analytic"), states[0], PAPER, 0, [])
+    row = run_episode(load_policy("analytic"), states[0], PAPER, 0)
     phi = np.concatenate([motion.phi for motion in motions])
     assert row["outcome"] == "success"
     assert row["modes"] == " ".join(map(str, modes))
@@ -156,22 +156,22 @@ def test_horizon__is_reached_while_still_moving(sim_1: SnakeState) -> None:
     needed = len(sim_1_episode()[1])
     for horizon, outcome in ((needed, "success"), (needed - 1, "horizon"), (1, "horizon")):
         params = PAPER.replace(horizon=horizon)
-        row = run_episode(AnalyticPolicy(params), sim_1, params, 0, [])
+        row = run_episode(AnalyticPolicy(params), sim_1, params, 0)
         assert (row["outcome"], row["intervals"]) == (outcome, horizon)
 
 
 def test_deadlock__is_standing_still_at_the_horizon() -> None:
     """Straight to straight, nothing turns: a phase passes per interval, and four are not eight."""
     params = PAPER.replace(horizon=4)
-    row = run_episode(_Fixed(0), straight_state(params), params, 0, [])
+    row = run_episode(_Fixed(0), straight_state(params), params, 0)
     assert (row["outcome"], row["phase"], row["time_s"]) == ("deadlock", 5, 12.0)
-    row = run_episode(_Fixed(0), straight_state(), PAPER, 0, [])
+    row = run_episode(_Fixed(0), straight_state(), PAPER, 0)
     assert (row["outcome"], row["phase"], row["time_s"]) == ("success", 9, 24.0)
 
 
 def test_deadlock__of_a_paper_task_is_in_phase_7() -> None:
     state = load_tasks("paper-500", PAPER).initial(422, PAPER)
-    row = run_episode(load_policy("analytic"), state, PAPER, 422, [])
+    row = run_episode(load_policy("analytic"), state, PAPER, 422)
     assert (row["outcome"], row["intervals"], row["phase"]) == ("deadlock", 100, 7)
     assert row["time_s"] == 300.0
 
@@ -191,7 +191,7 @@ def _state_with(violation: str, other_feasible: bool) -> tuple[SnakeState, int]:
 @pytest.mark.parametrize("violation", ["stability", "joint_limit"])
 def test_violation__is_named_where_another_mode_was_feasible(violation: str) -> None:
     state, mode = _state_with(violation, other_feasible=True)
-    row = run_episode(_Fixed(mode), state, PAPER, 0, [])
+    row = run_episode(_Fixed(mode), state, PAPER, 0)
     assert (row["outcome"], row["intervals"], row["modes"]) == (violation, 1, str(mode))
     held = float(predict(state, [mode], PAPER).duration[0])
     assert row["time_s"] == pytest.approx(state.elapsed + held)
@@ -201,7 +201,7 @@ def test_violation__is_named_where_another_mode_was_feasible(violation: str) -> 
 @pytest.mark.parametrize("violation", ["stability", "joint_limit"])
 def test_deadlock__is_no_feasible_mode(violation: str) -> None:
     state, mode = _state_with(violation, other_feasible=False)
-    row = run_episode(_Fixed(mode), state, PAPER, 0, [])
+    row = run_episode(_Fixed(mode), state, PAPER, 0)
     assert (row["outcome"], row["intervals"], row["modes"]) == ("deadlock", 0, "")
     assert row["time_s"] == state.elapsed
 

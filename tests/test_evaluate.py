@@ -651,16 +651,15 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_policy_that_raises__ends_its_episode_only(failing: str) -> None:
     suite = random_suite(3, 3, PAPER)
     states = [suite.initial(task, PAPER) for task in range(3)]
-    latencies: list[float] = []
-    row = run_episode(_Failing(PAPER), states[1], PAPER, 1, latencies)
+    row = run_episode(_Failing(PAPER), states[1], PAPER, 1)
     assert (row["outcome"], row["intervals"], row["time_s"]) == ("error", 1, 3.0)
     assert row["error"].startswith("ZeroDivisionError: no idea")
     assert row["rollouts"] == 8
     params = PAPER.replace(horizon=4)
-    result = run_shard(Shard(failing, [0, 1, 2], states, params))
-    assert [row["outcome"] == "error" for row in result.rows] == [False, True, False]
-    assert [row["intervals"] for row in result.rows] == [4, 1, 4]
-    assert [row["rollouts"] for row in result.rows] == [32, 8, 32]
+    rows = run_shard(Shard(failing, [0, 1, 2], states, params))
+    assert [row["outcome"] == "error" for row in rows] == [False, True, False]
+    assert [row["intervals"] for row in rows] == [4, 1, 4]
+    assert [row["rollouts"] for row in rows] == [32, 8, 32]
 
 
 def test_policy_that_raises__is_reported_and_the_run_ends_well(

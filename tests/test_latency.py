@@ -47,7 +47,7 @@ def _policies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _rows(policy: str) -> list[Row]:
     states = [SUITE.initial(task, SHORT) for task in range(5)]
-    return run_shard(Shard(policy, list(range(5)), states, SHORT)).rows
+    return run_shard(Shard(policy, list(range(5)), states, SHORT))
 
 
 def test_decisions__are_made_again_in_the_episodes_states() -> None:

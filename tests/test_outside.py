@@ -52,8 +52,8 @@ def test_policy_of_a_module__is_made_with_the_constants() -> None:
 
 
 def test_policy_of_a_module__does_what_it_does_by_name() -> None:
-    own = run_shard(_shard("snake_env.policies:FirstFeasiblePolicy", [0, 1])).rows
-    known = run_shard(_shard("first-feasible", [0, 1])).rows
+    own = run_shard(_shard("snake_env.policies:FirstFeasiblePolicy", [0, 1]))
+    known = run_shard(_shard("first-feasible", [0, 1]))
     assert [row | {"policy": ""} for row in own] == [row | {"policy": ""} for row in known]
 
 
@@ -118,8 +118,8 @@ def test_bad_options__are_refused(
 
 def test_policy_that_takes_forever__ends_its_episode_only() -> None:
     shard = _shard(f"{OTHERS}:Sleepy", [0, 1, 2, 3, 4], limit=0.3)
-    for result in Engine(workers=2).map(run_shard, [shard, _shard(f"{OTHERS}:Sleepy", [5], 5.0)]):
-        for row in result.rows:
+    for rows in Engine(workers=2).map(run_shard, [shard, _shard(f"{OTHERS}:Sleepy", [5], 5.0)]):
+        for row in rows:
             slept = row["task"] in (1, 3)
             assert (row["outcome"] == "error") == slept
             expected = "DecisionTimeoutError: no decision within 0.3 s" if slept else ""
@@ -154,7 +154,7 @@ def test_limit__goes_through_code_that_swallows_exceptions() -> None:
     ],
 )
 def test_policy_that_goes_wrong__is_named_and_the_run_goes_on(policy: str, error: str) -> None:
-    rows = run_shard(_shard(f"{OTHERS}:{policy}", [0, 1])).rows
+    rows = run_shard(_shard(f"{OTHERS}:{policy}", [0, 1]))
     assert [row["outcome"] for row in rows] == ["error", "error"]
     assert {row["error"] for row in rows} == {error}
 
@@ -163,6 +163,6 @@ def test_mode_of_another_phase__is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     """Mode 1 lifts wheel 2, which phase 3 needs on the ground."""
     monkeypatch.setattr(Wrong, "select_mode", lambda policy, state: 1)
     state = random_suite(1, 0, PAPER).initial(0, PAPER).replace(phase=3)
-    row = run_episode(Wrong(PAPER), state, PAPER, 0, [])
+    row = run_episode(Wrong(PAPER), state, PAPER, 0)
     assert row["outcome"] == "error"
     assert row["error"].startswith("InvalidModeError: mode = 1: expected ")

@@ -19,9 +19,8 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from evaluate.pictures import draw_all, figure_4, figure_5, filmstrip
-from evaluate.protocol import Row, Shard, ShardResult, run_shard
+from evaluate.protocol import Row, Shard, run_shard
 from evaluate.replay import Replay, replay
-from evaluate.store import Store
 from snake_env.drawing import BODY, INK, LIFTED, SUPPORT
 from snake_env.modes import mode_table
 from snake_env.simulation import predict
@@ -35,7 +34,7 @@ PHASE_3 = mode_table(8).valid(3)
 def _rows(policy: str) -> list[Row]:
     suite = random_suite(8, 3, PAPER)
     states = [suite.initial(task, PAPER) for task in range(8)]
-    return run_shard(Shard(policy, list(range(8)), states, PAPER)).rows
+    return run_shard(Shard(policy, list(range(8)), states, PAPER))
 
 
 @functools.cache
@@ -218,11 +217,7 @@ def test_replay__ends_with_a_violation_where_it_happened(violation: str) -> None
 
 
 def test_draw_all__draws_for_every_policy_and_the_first_that_chooses(tmp_path: Path) -> None:
-    config = {"policies": ["skid", "random"], "tasks": {"n": 8}}
-    store = Store(None, config, overwrite=False, resume=False)
-    for policy in ("skid", "random"):
-        store.add(ShardResult(_rows(policy), []))
-    draw_all(tmp_path, ["skid", "random"], store, PAPER)
+    draw_all(tmp_path, {policy: _rows(policy) for policy in ("skid", "random")}, PAPER)
     assert {path.name for path in tmp_path.iterdir()} == {
         *("fig4-skid.png", "fig4-random.png"),
         *("sim-1-traces-random.png", "sim-1-film-random.png"),

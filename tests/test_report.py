@@ -35,7 +35,7 @@ MEGABYTE = 1_000_000
 def rows_of(policy: str) -> list[Row]:
     """A policy's episodes on the six tasks."""
     states = [SUITE.initial(task, PAPER) for task in range(len(SUITE))]
-    return run_shard(Shard(policy, list(range(len(SUITE))), states, PAPER)).rows
+    return run_shard(Shard(policy, list(range(len(SUITE))), states, PAPER))
 
 
 def summary_of(
@@ -375,7 +375,7 @@ def test_other_robots__have_their_own_number_of_joints(tmp_path: Path) -> None:
     params = SnakeParams.preset("hardware", n_joints=6)
     suite = random_suite(2, 1, params)
     states = [suite.initial(task, params) for task in range(2)]
-    rows = {"analytic": run_shard(Shard("analytic", [0, 1], states, params)).rows}
+    rows = {"analytic": run_shard(Shard("analytic", [0, 1], states, params))}
     summary = summary_of(rows, params)
     path = write_report(tmp_path, ["analytic"], rows, summary, params, suite)
     outline = Outline(page := path.read_text(encoding="utf-8"))

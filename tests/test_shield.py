@@ -3,7 +3,7 @@
 import pytest
 
 from evaluate.engine import Engine
-from evaluate.protocol import Shard, ShardResult, run_shard
+from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import VIOLATIONS
 from snake_env import SnakeParams
 from snake_env.programs import warm_up
@@ -12,7 +12,7 @@ from snake_env.tasks import load_tasks
 _PART = 250
 
 
-def _played(policy: str, tasks: str, params: SnakeParams) -> list[ShardResult]:
+def _played(policy: str, tasks: str, params: SnakeParams) -> list[list[Row]]:
     suite = load_tasks(tasks, params)
     warm_up(params)
     shards = [
@@ -26,9 +26,7 @@ def _played(policy: str, tasks: str, params: SnakeParams) -> list[ShardResult]:
 @pytest.mark.slow
 def test_shield__violates_nothing_on_10000_tasks() -> None:
     rows = [
-        row
-        for part in _played("imitate+shield", "random:10000:31", SnakeParams())
-        for row in part.rows
+        row for part in _played("imitate+shield", "random:10000:31", SnakeParams()) for row in part
     ]
     assert len(rows) == 10_000
     assert not [row for row in rows if row["outcome"] in (*VIOLATIONS, "error")]
@@ -39,7 +37,7 @@ def test_shield__violates_nothing_on_10000_tasks() -> None:
 def test_shield__makes_even_random_choices_safe(preset: str) -> None:
     params = SnakeParams.preset(preset)
     raw, shielded = (
-        [row["outcome"] for part in _played(name, "random:60:32", params) for row in part.rows]
+        [row["outcome"] for part in _played(name, "random:60:32", params) for row in part]
         for name in ("random", "random+shield")
     )
     assert sum(outcome in VIOLATIONS for outcome in raw) > 10

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from evaluate.journal import write_atomically
-from evaluate.protocol import COLUMNS, Row, ShardResult
+from evaluate.protocol import COLUMNS, Row
 from evaluate.store import Store
 from snake_env.errors import InvalidInputError
 
@@ -31,8 +31,8 @@ def _row(policy: str, task: int, **changes: Any) -> Row:
     return row | changes
 
 
-def _result(policy: str, first: int, **changes: Any) -> ShardResult:
-    return ShardResult([_row(policy, first + k, **changes) for k in range(10)], [123.45])
+def _result(policy: str, first: int, **changes: Any) -> list[Row]:
+    return [_row(policy, first + k, **changes) for k in range(10)]
 
 
 def _store(folder: Path, *, resume: bool = False, overwrite: bool = False) -> Store:

@@ -35,8 +35,8 @@ class Validation:
         states = [suite.initial(task, params) for task in tasks]
         figures: dict[str, float] = {}
         for label, policy in (("raw", str(model)), ("shielded", f"{model}{SHIELD}")):
-            result = run_shard(Shard(policy, tasks, states, params))
-            summary: dict[str, Any] = summarise(result.rows, result.latencies_us, params)
+            rows = run_shard(Shard(policy, tasks, states, params))
+            summary: dict[str, Any] = summarise(rows, (), params)
             figures[f"{label}_success"] = round(summary["success_rate"], 5)
             figures[f"{label}_time_s"] = round(summary["time_s"]["mean"] or float("nan"), 3)
             figures[f"{label}_restricted_time_s"] = round(summary["restricted_mean_time_s"], 3)

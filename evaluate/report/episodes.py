@@ -45,11 +45,16 @@ def choose(
         params: The constants.
     """
     tables = {policy: {row["task"]: row for row in rows[policy]} for policy in policies}
-    choosing = [policy for policy in policies if policy != SKID] or list(policies)
+    choosing = that_choose(policies)
     chosen: dict[int, Choice] = {}
     for choice in (*_typical(choosing, tables), *_failures(choosing, tables)):
         chosen.setdefault(choice.task, choice)
     return [*chosen.values(), *_disagreements(choosing, tables, params, set(chosen))]
+
+
+def that_choose(policies: Sequence[str]) -> list[str]:
+    """The policies that choose modes; all where none does."""
+    return [policy for policy in policies if policy != SKID] or list(policies)
 
 
 Tables = Mapping[str, Mapping[int, Row]]

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evaluate.protocol import SKID, Row, Shard, run_shard
-from evaluate.report.episodes import Choice, choose, fastest_other
+from evaluate.protocol import Row, Shard, run_shard
+from evaluate.report.episodes import Choice, choose, fastest_other, that_choose
 from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
@@ -49,17 +49,16 @@ def sim_1(policies: Sequence[str], params: SnakeParams, suite: TaskSuite) -> lis
     try:
         state = load_tasks(SIM_1, params).initial(0, params)
         shards = {policy: Shard(policy, [0], [state], params) for policy in policies}
-        rows = {policy: run_shard(shard).rows[0] for policy, shard in shards.items()}
+        rows = {policy: run_shard(shard)[0] for policy, shard in shards.items()}
     except SnakeEnvError:
         return []
-    first = next((policy for policy in policies if policy != SKID), policies[0])
-    choosing = [policy for policy in policies if policy != SKID] or list(policies)
+    choosing = that_choose(policies)
     choice = Choice(
         task=0,
         group="Typical",
         why="simulation 1 of the paper",
-        left=first,
-        right=fastest_other(choosing, rows, first),
+        left=choosing[0],
+        right=fastest_other(choosing, rows, choosing[0]),
     )
     return [Replayed(SIM_1, choice, state, rows)]
 
