@@ -94,7 +94,7 @@ def iterate(model: MaskedDQN, callback: BaseCallback, settings: Settings) -> Non
         callback,
         TrainFreq(settings.n_steps, TrainFrequencyUnit.STEP),
         model.replay_buffer,
-        learning_starts=settings.learning_starts,
+        learning_starts=0,  # SB3 would choose at random till then, whatever --init knows
     )
     if model.num_timesteps > settings.learning_starts:
         model.train(settings.gradient_steps, settings.batch_size)

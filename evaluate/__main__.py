@@ -54,7 +54,7 @@ def evaluate(options: Options) -> int:
     """
     params = options.check()
     for name in options.names:
-        check_policy(name, params)
+        check_policy(name, params, options.slip)
     suite = load_tasks(options.tasks, params)
     if options.video:
         check_wish(options.video, suite)
@@ -67,6 +67,7 @@ def evaluate(options: Options) -> int:
         },
         "preset": options.preset,
         "params": dataclasses.asdict(params),
+        "slip": list(options.slip),
         "decision_timeout_s": options.decision_timeout,
     }
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
@@ -130,7 +131,7 @@ def _shards(
         for start in range(0, len(missing), size):
             tasks = missing[start : start + size]
             states = [suite.initial(task, params) for task in tasks]
-            yield Shard(name, tasks, states, params, options.decision_timeout)
+            yield Shard(name, tasks, states, params, options.decision_timeout, options.slip)
 
 
 def _run(

@@ -22,6 +22,7 @@ from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
+from snake_env.slip import check_slip
 
 _PACKED_AT_ONCE = 1000  # rows
 
@@ -112,6 +113,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
                 raise ValueError(f"tasks.{key} is {summary['tasks'][key]!r}")
         SnakeParams().replace(**summary["params"])
         str(summary["preset"])
+        check_slip(summary["slip"])
         if not summary["policies"]:
             raise ValueError("no policies")
         for figures in summary["policies"].values():
@@ -139,6 +141,9 @@ def check_same(first: Path, one: Mapping[str, Any], folder: Path, other: Mapping
         if other["params"].get(key) != value:
             field, expected = f"{key} in {folder}", f"{value!r}, as in {first}"
             raise InvalidInputError(field, other["params"].get(key), expected)
+    if other["slip"] != one["slip"]:
+        expected = f"{one['slip']}, as in {first}"
+        raise InvalidInputError(f"slip in {folder}", other["slip"], expected)
     if other["tasks"]["hash"] != one["tasks"]["hash"]:
         expected = f"the tasks of {first}, {one['tasks']['name']}"
         if other["tasks"]["name"] == one["tasks"]["name"]:

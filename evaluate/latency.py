@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import make_policy
 from evaluate.protocol import SKID, Row
+from evaluate.replay import floor_of, modes_of
 from snake_env.params import SnakeParams
-from snake_env.simulation import advance
 from snake_env.tasks import TaskSuite
 
 DECISIONS = 300
@@ -76,11 +76,12 @@ def _decide_again(
                 continue
             state = suite.initial(row["task"], params)
             within(limit_s, policy.reset, row["task"])
-            for mode in row["modes"].split():
+            floor = floor_of(row, params)
+            for mode in modes_of(row):
                 began = time.perf_counter_ns()
                 within(limit_s, policy.select_mode, state)
                 yield round((time.perf_counter_ns() - began) / 1e3, 1)
-                state, _ = advance(state, int(mode), params)
+                state, _ = floor.advance(state, mode)
     except (Exception, SystemExit, DecisionTimeoutError):
         return  # it decided well in the episodes: what is measured so far has to do
 

@@ -20,6 +20,7 @@ from evaluate.engine import Engine
 from evaluate.outside import is_outside
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
+from snake_env.slip import NO_SLIP, check_slip
 
 Assignments = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]
@@ -63,6 +64,9 @@ class Options:
     """Go on with the interrupted run in --out."""
     decision_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """A decision that takes longer ends its episode with the outcome error."""
+    slip: tuple[float, float] = NO_SLIP
+    """How much the wheels slip (section VI): standard deviations of the head's place [m] and heading
+    [rad] after each interval, for example 0.002 0.01; the same slips for every policy."""
     no_latency: bool = False
     """Do not measure how long decisions take: then repeated runs write the same summary.json."""
     no_pictures: bool = False
@@ -83,6 +87,8 @@ class Options:
         words = [*self.policies, *(word for name in self.policy for word in ("--policy", name))]
         words += ["--tasks", self.tasks, "--preset", self.preset]
         words += [word for assignment in self.set for word in ("--set", assignment)]
+        if any(self.slip):
+            words += ["--slip", *map(str, self.slip)]
         if self.decision_timeout is not None:
             words += ["--decision-timeout", str(self.decision_timeout)]
         return shlex.join(["python", "-m", "evaluate", *words])
@@ -105,6 +111,7 @@ class Options:
             if not is_outside(name):
                 expected = "MODULE:FACTORY, and a module that is not named like a policy"
                 raise InvalidInputError("policy", name, expected)
+        check_slip(self.slip)
         if self.decision_timeout is not None:
             check_limit(self.decision_timeout)
         if self.out is None and (self.overwrite or self.resume):

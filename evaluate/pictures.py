@@ -12,9 +12,8 @@ import matplotlib.ticker
 import numpy as np
 from matplotlib.figure import Figure
 
-from evaluate.outside import make_policy
-from evaluate.protocol import SKID, Row, run_episode
-from evaluate.replay import Replay, replay
+from evaluate.protocol import SKID, Row, Shard, run_shard
+from evaluate.replay import Replay, replay, slip_of
 from snake_env.drawing import (
     BODY,
     GRAVITY,
@@ -57,9 +56,10 @@ def draw_all(folder: Path, rows: Mapping[str, Sequence[Row]], params: SnakeParam
         if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
-            row = run_episode(make_policy(policy, params), state, params, 0)
+            slip = slip_of(rows[policy][0])
+            row = run_shard(Shard(policy, [0], [state], params, slip=slip))[0]
             if row["modes"]:
-                played = replay(state, [int(mode) for mode in row["modes"].split()], params)
+                played = replay(row, state, params)
                 name = file_name(policy)
                 figure_5(policy, played, params).savefig(folder / f"sim-1-traces-{name}.png")
                 filmstrip(policy, played, params).savefig(folder / f"sim-1-film-{name}.png")

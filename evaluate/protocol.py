@@ -11,12 +11,13 @@ import numpy as np
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import in_one_line, make_policy
 from snake_env.episode import Episode, EpisodeSummary
-from snake_env.errors import UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policy import Policy
-from snake_env.simulation import advance, predict
+from snake_env.simulation import predict
 from snake_env.skid import skid
+from snake_env.slip import NO_SLIP, Floor, Slip
 from snake_env.state import SnakeState
 
 SKID = "skid"
@@ -28,7 +29,7 @@ Row = dict[str, Any]
 COLUMNS = (
     *("policy", "task"),
     *(field.name for field in dataclasses.fields(EpisodeSummary)),
-    *("rollouts", "modes", "error"),
+    *("rollouts", "slip_m", "slip_rad", "modes", "error"),
 )
 """The keys of a row."""
 
@@ -46,6 +47,7 @@ class Shard:
         states: Where each begins.
         params: The constants.
         decision_timeout_s: What a decision may take [s]; None: any time.
+        slip: How much the wheels slip.
     """
 
     policy: str
@@ -53,11 +55,14 @@ class Shard:
     states: list[SnakeState]
     params: SnakeParams
     decision_timeout_s: float | None = None
+    slip: Slip = NO_SLIP
 
 
-def check_policy(name: str, params: SnakeParams) -> None:
+def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> None:
     """Raises what :func:`evaluate.outside.make_policy` would, before any work has been done."""
     if name == SKID:
+        if any(slip):
+            raise InvalidInputError("slip", slip, f"no slip for {SKID}: it has no intervals")
         return
     try:
         make_policy(name, params)
@@ -73,10 +78,17 @@ def run_shard(shard: Shard) -> list[Row]:
     for task, state in zip(shard.tasks, shard.states, strict=True):
         if policy is None:
             summary, _ = skid(state, shard.params)
-            row = {**dataclasses.asdict(summary), "rollouts": 0, "modes": "", "error": ""}
+            row = {
+                **dataclasses.asdict(summary),
+                "rollouts": 0,
+                "slip_m": 0.0,
+                "slip_rad": 0.0,
+                "modes": "",
+                "error": "",
+            }
         else:
             limit = shard.decision_timeout_s
-            row = run_episode(policy, state, shard.params, task, limit)
+            row = run_episode(policy, state, shard.params, task, limit, shard.slip)
         rows.append({"policy": shard.policy, "task": task, **row})
     return rows
 
@@ -87,6 +99,7 @@ def run_episode(
     params: SnakeParams,
     seed: int,
     decision_timeout_s: float | None = None,
+    slip: Slip = NO_SLIP,
 ) -> Row:
     """Runs one episode.
 
@@ -94,14 +107,16 @@ def run_episode(
         policy: Chooses the modes.
         state: Where it begins.
         params: The constants.
-        seed: For policies that draw random numbers: the task's id.
+        seed: The task's id: for slip, and for policies that draw random numbers.
         decision_timeout_s: What a decision may take [s]; None: any time.
+        slip: How much the wheels slip.
 
     Returns:
         The episode's figures. A policy that raises, thinks for too long or chooses a mode that the
         phase does not allow ends it with the outcome ``error``.
     """
     episode = Episode(state, params)
+    floor = Floor(slip, seed, params)
     modes: list[int] = []
     error = ""
     rollouts_before = policy.rollouts
@@ -109,7 +124,7 @@ def run_episode(
         within(decision_timeout_s, policy.reset, seed)
         while not episode.outcome:
             mode = within(decision_timeout_s, policy.select_mode, state)
-            after, prediction = advance(state, mode, params)
+            after, prediction = floor.advance(state, mode)
             if prediction.violation[0] and not any_feasible(state, params):
                 episode.end("deadlock")
                 break
@@ -122,6 +137,8 @@ def run_episode(
     return {
         **dataclasses.asdict(episode.summary()),
         "rollouts": policy.rollouts - rollouts_before,
+        "slip_m": slip[0],
+        "slip_rad": slip[1],
         "modes": " ".join(map(str, modes)),
         "error": error,
     }

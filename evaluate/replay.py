@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evaluate.protocol import Row
 from snake_env.drawing import lifted_wheels
 from snake_env.params import SnakeParams
-from snake_env.simulation import Trajectory, advance, trajectories
+from snake_env.simulation import Trajectory, trajectories
+from snake_env.slip import Floor, Slip
 from snake_env.state import SnakeState, StateBatch
 
 
@@ -31,10 +33,32 @@ class Replay:
         return lifted_wheels(self.modes[interval], self.states[interval].phase, params)
 
 
-def replay(state: SnakeState, modes: list[int], params: SnakeParams) -> Replay:
-    """Executes the given modes from a state."""
+def replay(row: Row, state: SnakeState, params: SnakeParams) -> Replay:
+    """Goes through the episode that a row tells of once more.
+
+    Args:
+        row: The episode.
+        state: Where it begins.
+        params: The constants.
+    """
+    modes, floor = modes_of(row), floor_of(row, params)
     states = [state]
     for mode in modes:
-        states.append(advance(states[-1], mode, params)[0])
+        states.append(floor.advance(states[-1], mode)[0])
     motions = trajectories(StateBatch.stack(states[:-1]), modes, params) if modes else []
     return Replay(states, modes, motions)
+
+
+def modes_of(row: Row) -> list[int]:
+    """The modes that the policy chose."""
+    return [int(mode) for mode in row["modes"].split()]
+
+
+def slip_of(row: Row) -> Slip:
+    """How much the wheels slipped."""
+    return row["slip_m"], row["slip_rad"]
+
+
+def floor_of(row: Row, params: SnakeParams) -> Floor:
+    """The floor on which an episode took place, as it was at the beginning."""
+    return Floor(slip_of(row), row["task"], params)

@@ -15,7 +15,7 @@ from snake_env.episode import OUTCOMES, EpisodeSummary
 _KINDS: dict[Any, type] = {"int": np.int64, "float": np.float64}  # texts are references
 _READ: dict[Any, Any] = {"int": int, "float": float}
 _TYPES: dict[str, Any] = {field.name: field.type for field in dataclasses.fields(EpisodeSummary)}
-_TYPES |= {"task": "int", "rollouts": "int"}
+_TYPES |= {"task": "int", "rollouts": "int", "slip_m": "float", "slip_rad": "float"}
 _PACKED = np.dtype([(name, _KINDS.get(_TYPES.get(name), np.object_)) for name in COLUMNS])
 
 

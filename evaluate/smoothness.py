@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 
 from evaluate.options import Assignments, parse, parse_overrides
-from evaluate.protocol import run_episode
+from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
@@ -56,8 +56,8 @@ class Changes:
 
 def input_changes(policy: str, state: SnakeState, params: SnakeParams, seed: int) -> Changes:
     """Largest changes of the input in one episode."""
-    row = run_episode(load_policy(policy, params), state, params, seed)
-    played = replay(state, [int(mode) for mode in row["modes"].split()], params)
+    (row,) = run_shard(Shard(policy, [seed], [state], params))
+    played = replay(row, state, params)
     inside, at_mode, at_phase = [0.0], [0.0], [0.0]
     for k, motion in enumerate(played.motions):
         if len(motion.u) > 1:

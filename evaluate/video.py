@@ -75,7 +75,7 @@ def _wanted(
     params: SnakeParams,
     suite: TaskSuite,
 ) -> list[Replayed]:
-    first_simulation = sim_1(policies, params, suite)
+    first_simulation = sim_1(rows, params, suite)
     if wish == DEFAULT:
         episodes = collect(policies, rows, params, suite)
         return first_simulation + [e for e in episodes if e.choice.group == "Typical"]

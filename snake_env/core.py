@@ -21,6 +21,7 @@ from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.reward import RewardWeights, reward_terms
 from snake_env.simulation import least_distances
+from snake_env.slip import check_slip, slipped
 from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
 from snake_env.tasks import TaskSuite, load_tasks, random_tasks
 from snake_env.transition import OnInfeasible, transition
@@ -62,7 +63,7 @@ class EnvOptions:
             raise UnknownNameError("on_infeasible", on_infeasible, get_args(OnInfeasible))
         suite = None if task_suite is None else load_tasks(task_suite, constants)
         weights = _checked_weights({} if reward_weights is None else reward_weights)
-        return cls(constants, mask_level, on_infeasible, weights, _checked_slip(slip), suite)
+        return cls(constants, mask_level, on_infeasible, weights, check_slip(slip), suite)
 
 
 def _checked_weights(given: Any) -> RewardWeights:
@@ -75,15 +76,6 @@ def _checked_weights(given: Any) -> RewardWeights:
         if as_finite(weight) is None:
             raise InvalidInputError(f"reward_weights[{name!r}]", weight, "a finite number")
     return RewardWeights(**given)
-
-
-def _checked_slip(given: Any) -> tuple[float, float]:
-    scales = (
-        [as_finite(scale) for scale in given] if isinstance(given, (Sequence, np.ndarray)) else []
-    )
-    if len(scales) != 2 or any(scale is None or scale < 0.0 for scale in scales):
-        raise InvalidInputError("slip", given, "(m, rad): two numbers, zero or positive")
-    return float(scales[0] or 0.0), float(scales[1] or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +178,7 @@ class EnvCore:
         before = self.states.take(indices)
         moved = transition(before, modes, options.on_infeasible, params)
         after, prediction = moved.after, moved.prediction
-        if any(options.slip):
-            metres, radians = options.slip
-            slipped = [rng.normal(0.0, [metres, metres, radians]) for rng in rngs]
-            after = dataclasses.replace(after, w=after.w + slipped)
+        after = dataclasses.replace(after, w=slipped(after.w, options.slip, rngs))
         self.states = self.states.put(indices, after)
         self.episodes.record(indices, after, prediction)
         outcome = self.episodes.outcome[indices]

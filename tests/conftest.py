@@ -3,17 +3,20 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
+from evaluate.protocol import Row
 from snake_env.kinematics import d_min
 from snake_env.modes import mode_table
 from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
 from snake_env.simulation import Trajectory, advance, predict, trajectory
+from snake_env.slip import NO_SLIP, Slip
 from snake_env.state import FloatArray, SnakeState
 from snake_env.tasks import load_tasks
 from tests import oracle
@@ -26,6 +29,12 @@ KNIFE_EDGE = 1e-9  # [m]: nearer to its edge than this, nobody can say whether t
 
 seeds = st.integers(0, 2**32 - 1)
 shapes = st.lists(st.floats(-math.pi / 2, math.pi / 2), min_size=8, max_size=8).map(np.array)
+
+
+def row_of(modes: Sequence[int], task: int = 0, slip: Slip = NO_SLIP) -> Row:
+    """What a replay needs of an episode's row."""
+    text = " ".join(map(str, modes))
+    return {"task": task, "modes": text, "slip_m": slip[0], "slip_rad": slip[1]}
 
 
 @pytest.fixture

@@ -12,7 +12,17 @@ PACKAGE = Path(__file__).parents[1] / "snake_env"
 ORDER = [
     *("errors", "params", "tracing", "scalars", "kinematics", "modes", "state"),
     *("control", "cost", "stability", "features", "compiler", "blocks", "kernel", "lane_function"),
-    *("mask_kernel", "simulation", "optimizer", "tasks", "masks", "episode", "reward", "skid"),
+    *(
+        "mask_kernel",
+        "simulation",
+        "optimizer",
+        "tasks",
+        "masks",
+        "episode",
+        "reward",
+        "skid",
+        "slip",
+    ),
     *("observation", "programs", "network", "model_file", "value", "search"),
     *("symmetry", "policy", "lookahead", "network_policy", "shield"),
     *("transition", "core", "drawing", "rendering", "env", "wrappers"),

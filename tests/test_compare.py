@@ -29,7 +29,7 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Finished runs: of one policy each, of both together, of other tasks, of another robot."""
+    """Finished runs: of one policy each, of both together, of other tasks, another robot and floor."""
     folder = tmp_path_factory.mktemp("compare")
     for name, arguments in {
         "a": ("imitate", *TASKS),
@@ -37,6 +37,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "both": ("imitate", "random", *TASKS, "--no-latency"),
         "tasks": ("random", *TASKS, "--tasks", "random:12:4"),
         "narrow": ("random", *TASKS, "--preset", "narrow"),
+        "slippery": ("random", *TASKS, "--slip", "0.01", "0.02"),
     }.items():
         assert _command(*arguments, "--out", folder / name) == 0
     return folder
@@ -150,6 +151,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
         lambda f: _edit(f, lambda s: s["policies"]["random"]["decision_latency_us"].pop("p95")),
         "KeyError: 'p95'",
     ),
+    "a slip of one number": (
+        lambda f: _edit(f, lambda s: s.update(slip=[0.1])),
+        "slip = \\[0.1\\]: expected \\(m, rad\\)",
+    ),
     "a word for a latency": (
         lambda f: _edit(
             f, lambda s: s["policies"]["random"]["decision_latency_us"].update(p95="soon")
@@ -201,6 +206,10 @@ def test_damaged_folder__is_refused_in_one_line(
     [
         ("a tasks", r"tasks of .*tasks = 'random:12:4': expected the tasks of .*a, random:12:3"),
         ("a narrow", r"head_contact in .*narrow = False: expected True, as in .*a"),
+        (
+            "a slippery",
+            r"slip in .*slippery = \[0\.01, 0\.02\]: expected \[0\.0, 0\.0\], as in .*a",
+        ),
         ("", r"DIR = \(\): expected at least one result folder"),
         ("a a", r"DIR = .*a': expected each folder once"),
         ("a missing", r"DIR = .*missing': expected a result folder"),

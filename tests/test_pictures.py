@@ -25,7 +25,7 @@ from snake_env.drawing import BODY, INK, LIFTED, SUPPORT
 from snake_env.modes import mode_table
 from snake_env.simulation import predict
 from snake_env.tasks import random_suite
-from tests.conftest import PAPER, all_lifted, random_state, sim_1_episode
+from tests.conftest import PAPER, all_lifted, random_state, row_of, sim_1_episode
 
 PHASE_3 = mode_table(8).valid(3)
 
@@ -40,7 +40,7 @@ def _rows(policy: str) -> list[Row]:
 @functools.cache
 def _played() -> Replay:
     states, modes, _ = sim_1_episode()
-    return replay(states[0], modes, PAPER)
+    return replay(row_of(modes), states[0], PAPER)
 
 
 @functools.cache
@@ -181,7 +181,7 @@ def test_filmstrip__shows_the_body_from_start_to_target() -> None:
 @pytest.mark.parametrize("intervals", [1, 2, 5])
 def test_short_episode__has_as_many_frames_as_states(intervals: int) -> None:
     states, modes, _ = sim_1_episode()
-    played = replay(states[0], modes[:intervals], PAPER)
+    played = replay(row_of(modes[:intervals]), states[0], PAPER)
     figure = filmstrip("x", played, PAPER)
     assert sum(ax.get_visible() for ax in figure.axes) == intervals + 1
     assert len(figure_5("x", played, PAPER).axes) == 18
@@ -207,7 +207,7 @@ def test_replay__ends_with_a_violation_where_it_happened(violation: str) -> None
         found = np.flatnonzero(soon & (prediction.violation == violation))
         if len(found):
             break
-    played = replay(state, [int(PHASE_3[found[0]])], PAPER)
+    played = replay(row_of([PHASE_3[found[0]]]), state, PAPER)
     (motion,) = played.motions
     assert len(motion.u) < 150
     assert motion.phi[-1].tolist() == played.states[-1].phi.tolist()

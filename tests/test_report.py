@@ -23,7 +23,7 @@ from evaluate.statistics import summarise, wilson95
 from snake_env.params import SnakeParams
 from snake_env.skid import skid
 from snake_env.tasks import TaskSuite, load_tasks, random_suite
-from tests.conftest import PAPER
+from tests.conftest import PAPER, row_of
 
 POLICIES = ("analytic", "random", "skid")
 SUITE = random_suite(6, 3, PAPER)
@@ -229,7 +229,7 @@ def test_replays__are_the_trajectories_within_half_a_quantum(page: str) -> None:
         for policy, run in zip(POLICIES, episode["runs"], strict=True):
             if policy == "skid":
                 continue
-            played = replay(state, run["modes"], PAPER)
+            played = replay(row_of(run["modes"]), state, PAPER)
             exact = np.concatenate(
                 [*(m.phi[:-1] for m in played.motions), played.states[-1].phi[None]]
             )
@@ -270,9 +270,9 @@ def test_replays__begin_with_what_is_typical(page: str) -> None:
 
 
 def test_policies__that_are_gone_leave_simulation_1_out() -> None:
-    assert replays.sim_1(["analytic", "no/such/model.safetensors"], PAPER, SUITE) == []
-    assert replays.sim_1(["analytic"], PAPER, load_tasks("sim-1", PAPER)) == []
-    (episode,) = replays.sim_1(["skid", "analytic"], PAPER, SUITE)
+    assert replays.sim_1({"no/such/model.safetensors": rows_of("analytic")}, PAPER, SUITE) == []
+    assert replays.sim_1({"analytic": rows_of("analytic")}, PAPER, load_tasks("sim-1", PAPER)) == []
+    (episode,) = replays.sim_1({name: rows_of(name) for name in ("skid", "analytic")}, PAPER, SUITE)
     assert (episode.choice.left, episode.choice.right) == ("analytic", "analytic")
     assert episode.rows["analytic"]["time_s"] == 36.0
 

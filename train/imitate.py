@@ -44,9 +44,10 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     init: Path | None = None
     """Model file of the student that plays first, and begins with its weights where it has these hidden
-    layers; default: the teacher plays first."""
+    layers; {seed} stands for the run's seed. Default: the teacher plays first."""
     lessons: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
-    """Also learn from the judgements of another run; with --rounds 0 from these only."""
+    """Also learn from the judgements of another run; with --rounds 0 from these only. {seed} stands for
+    the run's seed."""
     rounds: int = 5
     """Rounds of playing and fitting."""
     decisions: int = 262_144
@@ -86,15 +87,16 @@ def train(options: Options, console: Console) -> Path:
         The best model's file.
     """
     params = options.check()
-    begun = None if options.init is None else _student(options.init, params)
-    given = _given(options.lessons, params)
+    init, taught = options.run.own(options.init), options.run.own(options.lessons)
+    begun = None if init is None else _student(init, params)
+    given = _given(taught, params)
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
         **dataclasses.asdict(options.validation),
         "value": value_digest(params),
-        "init": None if options.init is None else str(options.init),
-        "lessons": None if options.lessons is None else str(options.lessons),
+        "init": None if init is None else str(init),
+        "lessons": None if taught is None else str(taught),
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }

@@ -50,7 +50,8 @@ class Loop:
     """How the run goes."""
 
     init: Path | None = None
-    """Model file to begin with, as train imitate makes it; default: random weights."""
+    """Model file to begin with, as train imitate makes it; {seed} stands for the run's seed. Default:
+    random weights."""
     reward: Assignments = ()
     """Replaces a weight of the reward, for example --reward time=-0.05; may be repeated."""
     segment: int = 131_072
@@ -109,14 +110,15 @@ def train(
     settings.check()
     validation.check()
     name = algorithm.__name__.rsplit(".", 1)[-1]
-    begun = None if loop.init is None else read_model(loop.init)
+    init = run.own(loop.init)
+    begun = None if init is None else read_model(init)
     if begun is not None:
         begun.check(params, "policy")
     critic = None if init_critic is None else NetworkValue(read_model(init_critic), params).network
     config = {
         **dataclasses.asdict(settings),
         **dataclasses.asdict(validation),
-        "init": None if loop.init is None else str(loop.init),
+        "init": None if init is None else str(init),
         "init_critic": None if init_critic is None else str(init_critic),
         "reward": weights,
         "segment": loop.segment,

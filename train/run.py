@@ -73,6 +73,10 @@ class Run:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"
 
+    def own(self, path: Path | None) -> Path | None:
+        """A path that an option gives, with the run's seed in the place of ``{seed}``."""
+        return path and Path(str(path).replace("{seed}", str(self.seed)))
+
 
 class RunFolder:
     """A run on disk: ``run.json`` says what was asked for, ``log.csv`` how it went.

@@ -37,7 +37,7 @@ def write_report(
     Returns:
         The file's path.
     """
-    episodes = [*sim_1(policies, params, suite), *collect(policies, rows, params, suite)]
+    episodes = [*sim_1(rows, params, suite), *collect(policies, rows, params, suite)]
     path = folder / FILE
     write_atomically(path, render(policies, rows, summary, params, episodes))
     return path

@@ -51,7 +51,7 @@ def motion_of(row: Row, state: SnakeState, params: SnakeParams) -> Motion:
     """
     if row["policy"] == SKID:
         return _skidding(state, params)
-    played = replay(state, [int(mode) for mode in row["modes"].split()], params)
+    played = replay(row, state, params)
     end = played.states[-1]
     intervals = range(len(played.modes))
     return Motion(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from evaluate.protocol import Row, Shard, run_shard
+from evaluate.replay import modes_of, slip_of
 from evaluate.report.episodes import Choice, choose, fastest_other, that_choose
 from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
 from snake_env.errors import SnakeEnvError
@@ -38,8 +39,10 @@ class Replayed:
     rows: Mapping[str, Row]
 
 
-def sim_1(policies: Sequence[str], params: SnakeParams, suite: TaskSuite) -> list[Replayed]:
-    """The paper's first simulation by every policy.
+def sim_1(
+    rows: Mapping[str, Sequence[Row]], params: SnakeParams, suite: TaskSuite
+) -> list[Replayed]:
+    """The paper's first simulation by every policy of ``rows``, on the same floor.
 
     There is none if it is among the tasks, if this robot can't have its shapes, or if a policy is not
     at hand any more: results may be older than the file that it came from.
@@ -48,19 +51,21 @@ def sim_1(policies: Sequence[str], params: SnakeParams, suite: TaskSuite) -> lis
         return []
     try:
         state = load_tasks(SIM_1, params).initial(0, params)
-        shards = {policy: Shard(policy, [0], [state], params) for policy in policies}
-        rows = {policy: run_shard(shard)[0] for policy, shard in shards.items()}
+        played = {
+            policy: run_shard(Shard(policy, [0], [state], params, slip=slip_of(own[0])))[0]
+            for policy, own in rows.items()
+        }
     except SnakeEnvError:
         return []
-    choosing = that_choose(policies)
+    choosing = that_choose(list(rows))
     choice = Choice(
         task=0,
         group="Typical",
         why="simulation 1 of the paper",
         left=choosing[0],
-        right=fastest_other(choosing, rows, choosing[0]),
+        right=fastest_other(choosing, played, choosing[0]),
     )
-    return [Replayed(SIM_1, choice, state, rows)]
+    return [Replayed(SIM_1, choice, state, played)]
 
 
 def collect(
@@ -115,6 +120,5 @@ def _episode(policies: Sequence[str], episode: Replayed, params: SnakeParams) ->
 
 
 def _run(row: Row, state: SnakeState, params: SnakeParams) -> dict[str, Any]:
-    modes = [int(mode) for mode in row["modes"].split()]
     ending = {"outcome": row["outcome"], "phase": row["phase"], "error": row["error"]}
-    return {**ending, "modes": modes, **encode(motion_of(row, state, params), params)}
+    return {**ending, "modes": modes_of(row), **encode(motion_of(row, state, params), params)}
