@@ -14,7 +14,10 @@ from collections.abc import Callable
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from threadpoolctl import threadpool_limits
 
+from evaluate.protocol import Shard, run_shard
+from evaluate.replay import replay
 from snake_env.blocks import clock_of, constants_of
 from snake_env.compiler import CACHE_VARIABLE
 from snake_env.kernel import (
@@ -27,12 +30,14 @@ from snake_env.kernel import (
 from snake_env.modes import mode_table
 from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import N_JOINTS_RANGE, SnakeParams
+from snake_env.policies import load_policy
 from snake_env.simulation import float_lane, predict
 from snake_env.state import SnakeState
 from snake_env.tasks import load_tasks
 from tests import oracle
 
 _REPEATS = 15
+_POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "ppo+shield")
 
 
 def main() -> None:
@@ -47,6 +52,10 @@ def main() -> None:
         ("one decision of (21) in phase 1: 99 modes, 150 sub-steps each", *decision(state, params)),
         ("the kernel against the same work done otherwise", *ratios(state, params)),
         ("all modes of phase 1, by number of joints", *scaling()),
+        (
+            "a decision, features and mask included; a policy's decisions in a row",
+            *policies(params),
+        ),
         ("start", *start()),
         ("python -m evaluate analytic --tasks paper-500", *experiment()),
     ):
@@ -168,6 +177,31 @@ def scaling() -> tuple[list[str], list[list[str]]]:
             [str(n), str(len(modes)), f"{1e3 * each:.2f}", f"{1e9 * each / len(modes) / 150:.0f}"]
         )
     return ["n_joints", "modes", "all modes [ms]", "ns per mode-sub-step"], rows
+
+
+def policies(params: SnakeParams) -> tuple[list[str], list[list[str]]]:
+    """How long policies think about the same states, those of whole episodes."""
+    suite = load_tasks("random:20:1", params)
+    states = []
+    for task in range(len(suite)):
+        state = suite.initial(task, params)
+        (row,) = run_shard(Shard("imitate", [task], [state], params))
+        states += replay(row, state, params).states[:-1]
+    rows = []
+    with threadpool_limits(1):
+        for name in _POLICIES:
+            policy = load_policy(name, params)
+            rollouts = policy.rollouts
+            times = []
+            for state in states * 5:
+                policy.reset()
+                began = time.perf_counter()
+                policy.select_mode(state)
+                times.append(time.perf_counter() - began)
+            spread = np.percentile(times[len(states) :], [50, 95])  # the first round warms up
+            each = (policy.rollouts - rollouts) / len(times)
+            rows.append([name, *(f"{1e6 * t:.0f}" for t in spread), f"{each:.1f}"])
+    return ["policy", "median [us]", "95 % [us]", "roll-outs"], rows
 
 
 def start() -> tuple[list[str], list[list[str]]]:
