@@ -24,6 +24,7 @@ from snake_env.observation import observation_size
 from snake_env.sb3 import SnakeVecEnv
 from tests.test_network_policy import model_of
 from train.__main__ import main
+from train.run import Robot
 
 SMALL = {
     "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64",
@@ -229,6 +230,32 @@ def test_seeds__are_the_runs_that_one_would_make_alone(seeds: Path, tmp_path: Pa
     assert (seeds / "ppo-seeds" / "curve.png").is_file()
     spread = json.loads((seeds / "ppo-seeds" / "seeds.json").read_text())
     assert spread["ppo-s4"] == dict(other.made["validation"])
+
+
+def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
+    out, given = tmp_path / "ppo", {}
+    for seed in (3, 4):
+        given[seed] = model_of(seed)
+        write_model(tmp_path / f"student-s{seed}.safetensors", given[seed])
+    init = tmp_path / "student-s{seed}.safetensors"
+    frozen = f"--seeds 2 --workers 1 --timesteps 1024 --critic-first 4096 --init {init} --hidden 12"
+    assert main(arguments("ppo", out, frozen)) == 0
+    for seed in (3, 4):
+        made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
+        assert same(made.network, given[seed].network)  # only the critic has learned
+        assert made.made["config"]["init"] == str(tmp_path / f"student-s{seed}.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "name"),
+    [
+        ("paper", (), "paper"),
+        ("narrow", ("n_joints=6", "a_c=67"), "narrow-n_joints=6-a_c=67"),
+        ("paper", ("w_d=[0, 0, -1.5]",), "paper-w_d=0,0,-1.5"),
+    ],
+)
+def test_folder__is_named_after_the_robot(preset: str, changes: tuple[str, ...], name: str) -> None:
+    assert Robot(preset, changes).name == name
 
 
 def test_seeds__that_were_killed_go_on(

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import platform
+import re
 import shlex
 import subprocess
 from collections.abc import Iterable, Sequence
@@ -44,13 +45,19 @@ class Robot:
         """
         return SnakeParams.preset(self.preset, **parse_overrides(self.set))
 
+    @property
+    def name(self) -> str:
+        """The preset and what is changed in it, as part of a folder's name."""
+        changes = (re.sub(r"[^\w.=,+-]", "", assignment) for assignment in self.set)
+        return "-".join([self.preset, *changes])
+
 
 @dataclass(frozen=True)
 class Run:
     """Where the run is kept."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """The run's folder; default: runs/ and a name made of the algorithm, the preset and the seed."""
+    """The run's folder; default: runs/ and a name made of the algorithm, the robot and the seed."""
     seed: int = 0
     """Seed of everything random."""
     seeds: int = 1
@@ -92,7 +99,7 @@ class RunFolder:
     """
 
     def __init__(self, run: Run, algorithm: str, robot: Robot, config: dict[str, Any]) -> None:
-        self.path = run.folder(f"{algorithm}-{robot.preset}")
+        self.path = run.folder(f"{algorithm}-{robot.name}")
         self._algorithm = algorithm
         self.config = json.loads(json.dumps(config, default=str))
         self._log = self.path / "log.csv"

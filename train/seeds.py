@@ -76,7 +76,7 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
 
 def _folder(command: str, options: Any, suffix: str) -> Path:
     """``--out``, or what stands for it, with a suffix."""
-    name = options.run.out or Path("runs") / f"{command}-{options.robot.preset}"
+    name = options.run.out or Path("runs") / f"{command}-{options.robot.name}"
     return name.with_name(f"{name.name}-{suffix}")
 
 
