@@ -12,7 +12,7 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
 from agents.checks import check_hidden, check_positive, check_share
-from agents.mlp import falling, linear_layers, load_weights, to_numpy
+from agents.mlp import PREFERENCE, falling, linear_layers, load_weights, scaled, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
 
@@ -81,9 +81,9 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> Maske
 
 
 def initialise(model: MaskedDQN, network: Network) -> None:
-    """Gives the action values a network's weights."""
+    """Gives the action values a network's preferences."""
     for q_net in (model.q_net, model.q_net_target):
-        load_weights(linear_layers(q_net.q_net), network)
+        load_weights(linear_layers(q_net.q_net), scaled(network, PREFERENCE))
 
 
 def iterate(model: MaskedDQN, callback: BaseCallback, settings: Settings) -> None:
@@ -129,5 +129,5 @@ def set_extra_state(model: MaskedDQN, state: dict[str, Any]) -> None:
 
 
 def network(model: MaskedDQN) -> Network:
-    """The action values' network."""
-    return to_numpy(linear_layers(model.q_net.q_net))
+    """The action values as preferences."""
+    return scaled(to_numpy(linear_layers(model.q_net.q_net)), 1.0 / PREFERENCE)

@@ -2,9 +2,9 @@
 
 Round by round the student plays, the teacher says what each mode of the states on the way would cost
 (DAgger), and the student learns to prefer cheap modes. A mode's regret is what it costs more than the
-best one. The loss is the student's expected regret, and for its gradient where the student is sure of
-a bad mode, the cross-entropy with a soft minimum of the regrets. Instead, the outputs can be action
-values, fitted to the costs.
+best one. The loss is the student's expected regret; for its gradient where the student is sure of a
+bad mode, the cross-entropy with a soft minimum of the regrets; and the error of the action values, as
+the preferences are those of a soft maximum of action values: PPO and DQN can both begin with them.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_hidden, check_positive
-from agents.mlp import build, from_numpy, linear_layers, to_numpy
+from agents.mlp import PREFERENCE, build, from_numpy, linear_layers, scaled, to_numpy
 from agents.teacher import Decisions
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -47,19 +46,17 @@ class Fit:
     """Decisions in a gradient step."""
     learning_rate: float = 1e-3
     """Learning rate of Adam until the last round."""
-    temperature: float = 0.3
-    """Of the soft minimum [intervals]."""
     cross_entropy: float = 0.3
     """Weight of the cross-entropy beside the expected regret."""
+    values: float = 10.0
+    """Weight of the action values' error beside it."""
     violation: float = 100.0
     """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
-    learn: Literal["preferences", "values"] = "preferences"
-    """What the outputs are: preferences, for PPO to begin with, or action values, for DQN."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "last_epochs", "batch_size", "learning_rate")
-        check_positive(self, "temperature", "violation")
+        check_positive(self, "violation")
         check_hidden(self.hidden)
 
 
@@ -127,7 +124,7 @@ def fit(
     module = (
         build([observation_size(n_joints), *how.hidden, len(mode_table(n_joints))])
         if network is None
-        else from_numpy(network)
+        else from_numpy(scaled(network, PREFERENCE))
     )
     order, sign = (torch.from_numpy(part) for part in mirror(n_joints))
     x = torch.from_numpy(np.concatenate([part.observations for part in parts]))
@@ -144,18 +141,18 @@ def fit(
         for k, rows in enumerate(batches):
             given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
             costs = cost[rows].float()
-            outputs = module(given).masked_fill(costs < 0.0, -1e9)
+            values = module(given).masked_fill(costs < 0.0, -1e9)
             regret = _regret(costs, how)
-            loss = _losses[how.learn](outputs, costs, regret, how)
+            loss = _loss(values, costs, regret, how)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
             schedule.step()
-            preferred = regret.gather(1, outputs.argmax(dim=1, keepdim=True))
+            preferred = regret.gather(1, values.argmax(dim=1, keepdim=True))
             broken = preferred >= how.violation
             figures["regret"] += float(preferred[~broken].sum()) / size / len(batches)
             figures["infeasible"] += float(broken.float().mean()) / len(batches)
-    return to_numpy(linear_layers(module)), figures
+    return scaled(to_numpy(linear_layers(module)), 1.0 / PREFERENCE), figures
 
 
 def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
@@ -165,32 +162,29 @@ def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
     return (costs - best).clamp(max=how.violation).masked_fill(closed, -1.0)
 
 
-def _preference_loss(
-    logits: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit
-) -> torch.Tensor:
-    """Expected regret, and the cross-entropy with the soft minimum of the regrets."""
-    log_policy = torch.log_softmax(logits, dim=1)
-    out = (regret < 0.0) | (regret >= how.violation)
-    wanted = torch.softmax((-regret / how.temperature).masked_fill(out, -1e9), dim=1)
-    expected = (log_policy.exp() * regret.clamp(min=0.0)).sum(dim=1).mean()
-    return expected - how.cross_entropy * (wanted * log_policy).sum(dim=1).mean()
-
-
-def _value_loss(
+def _loss(
     values: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit
 ) -> torch.Tensor:
-    """Error of the action values; what is far from the best counts less."""
-    wanted = action_values(costs)
-    weight = torch.where(torch.isinf(costs), 0.3, 0.03 + torch.exp(-regret))
+    """Expected regret of the preferences, their cross-entropy, and the error of the values."""
+    log_policy = torch.log_softmax(values / PREFERENCE, dim=1)
+    out = (regret < 0.0) | (regret >= how.violation)
+    gain = (REWARD["time"] * regret / PREFERENCE).masked_fill(out, -1e9)
+    wanted = torch.softmax(gain, dim=1)
+    expected = (log_policy.exp() * regret.clamp(min=0.0)).sum(dim=1).mean()
+    cross_entropy = -(wanted * log_policy).sum(dim=1).mean()
+    weight = torch.where(torch.isinf(costs), 0.3, 0.03 + torch.exp(-regret))  # near the best: most
     weight = weight.masked_fill(costs < 0.0, 0.0)
-    error = torch.nn.functional.huber_loss(values, wanted, reduction="none", delta=0.5)
-    return (weight * error).sum() / weight.sum()
+    error = torch.nn.functional.huber_loss(
+        values, action_values(costs), reduction="none", delta=0.5
+    )
+    return (
+        expected
+        + how.cross_entropy * cross_entropy
+        + how.values * (weight * error).sum() / weight.sum()
+    )
 
 
 def action_values(costs: torch.Tensor) -> torch.Tensor:
     """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted."""
     value = REWARD["success"] + REWARD["time"] * costs
     return torch.where(torch.isinf(costs), REWARD["violation"], value)
-
-
-_losses = {"preferences": _preference_loss, "values": _value_loss}

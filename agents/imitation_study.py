@@ -40,7 +40,7 @@ CHOICES: dict[str, list[dict[str, object]]] = {
     "hidden layers": [{"hidden": h} for h in ((384, 384), (384, 384, 384), (640, 640, 320))],
     "regret of a violation": [{"violation": v} for v in (30.0, 300.0)],
     "cross-entropy": [{"cross_entropy": w} for w in (0.1, 1.0)],
-    "temperature": [{"temperature": t} for t in (0.1, 1.0)],
+    "values": [{"values": w} for w in (0.0, 100.0)],
     "batch": [{"batch_size": b} for b in (256, 2048)],
     "learning rate": [{"learning_rate": r} for r in (5e-4, 2e-3)],
 }

@@ -12,6 +12,19 @@ from torch import nn
 from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 
+PREFERENCE = 0.03
+"""What a preference of one is worth in reward: preferences times this are action values.
+
+Every policy's file holds preferences, so PPO, whose logits they are, DQN and imitation can each begin
+with what another one has learned."""
+
+
+def scaled(network: Network, factor: float) -> Network:
+    """A network whose outputs are so many times as large."""
+    *weights, last = network.weights
+    *biases, offset = network.biases
+    return Network([*weights, last * np.float32(factor)], [*biases, offset * np.float32(factor)])
+
 
 def build(sizes: Sequence[int]) -> nn.Sequential:
     """Linear layers with rectifiers between them.

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
 from agents.checks import check_hidden, check_positive, check_share
-from agents.mlp import falling, linear_layers, load_weights, to_numpy
+from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
 from snake_env.network import Network
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
 
@@ -86,14 +86,11 @@ def initialise(model: PPO, network: Network) -> None:
 
 def initialise_critic(model: PPO, value: Network, reward: Mapping[str, float]) -> None:
     """Gives the critic a value network's weights, from intervals into reward."""
-    *weights, last = value.weights
-    *biases, offset = value.biases
-    scaled = Network(
-        [*weights, last * np.float32(reward["time"])],
-        [*biases, offset * np.float32(reward["time"]) + np.float32(reward["success"])],
-    )
     policy = model.policy
-    load_weights(linear_layers([*policy.mlp_extractor.value_net, policy.value_net]), scaled)
+    layers = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
+    load_weights(layers, scaled(value, reward["time"]))
+    with torch.no_grad():
+        layers[-1].bias.add_(reward["success"])
 
 
 def iterate(model: PPO, callback: BaseCallback, settings: Settings) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 
 from agents import dqn, ppo
+from agents.mlp import PREFERENCE
 from snake_env.network import Network
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
 from snake_env.sb3.masked import CLOSED
@@ -145,7 +146,13 @@ def test_initialise__gives_the_policy_the_weights(
     algorithm.initialise(model, given)
     observation = env.reset()
     got = algorithm.network(model)(observation["observation"])
-    np.testing.assert_array_equal(got, given(observation["observation"]))
+    np.testing.assert_allclose(got, given(observation["observation"]), rtol=1e-5, atol=1e-4)
+    if algorithm is dqn:
+        inputs = torch.as_tensor(observation["observation"])
+        for q_net in (q_learner.q_net, q_learner.q_net_target):
+            np.testing.assert_allclose(
+                q_net.q_net(inputs).detach().numpy(), PREFERENCE * got, rtol=1e-5, atol=1e-5
+            )
     preferences = np.where(observation["action_mask"] > 0, got, -np.inf)
     chosen, _ = model.predict(observation, deterministic=True)
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))

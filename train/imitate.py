@@ -45,8 +45,8 @@ class Options:
     init: Path | None = None
     """Model file of the student that plays first, and begins with its weights where it has these hidden
     layers; {seed} stands for the run's seed. Default: the teacher plays first."""
-    lessons: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
-    """Also learn from the judgements of another run; with --rounds 0 from these only. {seed} stands for
+    lessons: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN...")] = ()
+    """Also learn from the judgements of other runs; with --rounds 0 from these only. {seed} stands for
     the run's seed."""
     rounds: int = 5
     """Rounds of playing and fitting."""
@@ -87,16 +87,17 @@ def train(options: Options, console: Console) -> Path:
         The best model's file.
     """
     params = options.check()
-    init, taught = options.run.own(options.init), options.run.own(options.lessons)
+    init = None if options.init is None else options.run.own(options.init)
     begun = None if init is None else _student(init, params)
-    given = _given(taught, params)
+    taught = [options.run.own(run) for run in options.lessons]
+    given = [lesson for run in taught for lesson in _given(run, params)]
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
         **dataclasses.asdict(options.validation),
         "value": value_digest(params),
         "init": None if init is None else str(init),
-        "lessons": None if taught is None else str(taught),
+        "lessons": list(map(str, taught)),
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -201,14 +202,12 @@ def _student(path: Path, params: SnakeParams) -> Network:
     return model.network
 
 
-def _given(run: Path | None, params: SnakeParams) -> list[Lessons]:
-    """The lessons of another run; none without one.
+def _given(run: Path, params: SnakeParams) -> list[Lessons]:
+    """The lessons of another run.
 
     Raises:
         InvalidInputError: There are none, or they are those of other robots.
     """
-    if run is None:
-        return []
     parts = read_lessons(run)
     if not parts:
         raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")

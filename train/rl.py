@@ -110,7 +110,7 @@ def train(
     settings.check()
     validation.check()
     name = algorithm.__name__.rsplit(".", 1)[-1]
-    init = run.own(loop.init)
+    init = None if loop.init is None else run.own(loop.init)
     begun = None if init is None else read_model(init)
     if begun is not None:
         begun.check(params, "policy")

@@ -80,9 +80,9 @@ class Run:
             raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
         return self.out if self.out is not None else Path("runs") / f"{name}-s{self.seed}"
 
-    def own(self, path: Path | None) -> Path | None:
+    def own(self, path: Path) -> Path:
         """A path that an option gives, with the run's seed in the place of ``{seed}``."""
-        return path and Path(str(path).replace("{seed}", str(self.seed)))
+        return Path(str(path).replace("{seed}", str(self.seed)))
 
 
 class RunFolder:
