@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -19,32 +21,68 @@ from rich.console import Console
 from rich.table import Table
 
 from agents.imitate import Fit, Lessons, fit, read_lessons
+from evaluate.engine import Engine
+from evaluate.options import parse
+from evaluate.progress import progress
+from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.network import Network
 from snake_env.observation import observation_size
+from snake_env.params import N_JOINTS_RANGE
 
 
 @dataclass(frozen=True)
 class Options:
     """Compare options of imitation on held-out judgements."""
 
+    engine: Engine = field(default_factory=Engine)
     lessons: Annotated[Path, tyro.conf.arg(metavar="RUN")] = Path("runs/imitate-paper-s0")
     """Folder of a run of train imitate."""
-    decisions: int = 500_000
+    decisions: int = 250_000
     """Judgements to learn from; a tenth of so many more are held out."""
     seeds: int = 2
     """Networks for each choice of options."""
 
 
-CHOICES: dict[str, list[dict[str, object]]] = {
+CHOICES: dict[str, list[dict[str, Any]]] = {
     "as it ships": [{}],
-    "hidden layers": [{"hidden": h} for h in ((384, 384), (384, 384, 384), (640, 640, 320))],
-    "regret of a violation": [{"violation": v} for v in (30.0, 300.0)],
-    "cross-entropy": [{"cross_entropy": w} for w in (0.1, 1.0)],
+    "hidden layers": [{"hidden": h} for h in ((384, 384), (256, 256, 128), (640, 640, 320))],
+    "violation": [{"violation": v} for v in (30.0, 300.0)],
+    "cross_entropy": [{"cross_entropy": w} for w in (0.0, 1.0)],
     "values": [{"values": w} for w in (0.0, 100.0)],
-    "batch": [{"batch_size": b} for b in (256, 2048)],
-    "learning rate": [{"learning_rate": r} for r in (5e-4, 2e-3)],
+    "batch_size": [{"batch_size": b} for b in (256, 2048)],
+    "learning_rate": [{"learning_rate": r} for r in (5e-4, 2e-3)],
+    "last_epochs": [{"last_epochs": e} for e in (4, 16)],
 }
 """What is compared: one option after the other is changed."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One network to learn."""
+
+    options: Options
+    name: str
+    change: dict[str, Any]
+    seed: int
+
+
+def trials(options: Options) -> Iterator[Trial]:
+    """All networks."""
+    for name, changes in CHOICES.items():
+        for change in changes:
+            for seed in range(options.seeds):
+                yield Trial(options, name, change, seed)
+
+
+def run_trial(trial: Trial) -> tuple[Trial, tuple[float, float]]:
+    """Learns, and asks: what :func:`held_out` says."""
+    torch.set_num_threads(1)
+    learned, other = split(trial.options.lessons, trial.options.decisions)
+    joints = range(N_JOINTS_RANGE[0], N_JOINTS_RANGE[1] + 1)
+    n_joints = next(n for n in joints if observation_size(n) == learned.observations.shape[1])
+    how = dataclasses.replace(Fit(), **trial.change)
+    network, _ = fit(None, [learned], how, n_joints, trial.seed, last=True)
+    return trial, held_out(network, other)
 
 
 def held_out(network: Network, lessons: Lessons) -> tuple[float, float]:
@@ -58,40 +96,54 @@ def held_out(network: Network, lessons: Lessons) -> tuple[float, float]:
 
 
 def split(run: Path, decisions: int, seed: int = 0) -> tuple[Lessons, Lessons]:
-    """Judgements to learn from, and others."""
+    """Judgements to learn from, and others.
+
+    Raises:
+        InvalidInputError: The run has none.
+    """
     lessons = read_lessons(run)
+    if not lessons:
+        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
     observations = np.concatenate([part.observations for part in lessons])
     cost = np.concatenate([part.cost for part in lessons])
     order = np.random.default_rng(seed).permutation(len(cost))
-    cut = min(decisions, int(len(order) / 1.1))
+    cut = min(decisions, len(order) * 10 // 11)
     parts = order[:cut], order[cut : cut + math.ceil(cut / 10)]
     learned, other = (Lessons(observations[part], cost[part]) for part in parts)
     return learned, other
 
 
+def _value(change: dict[str, Any]) -> str:
+    return ", ".join(map(str, change.values())) or "-"
+
+
 def main(options: Options) -> None:
     """Learns, asks and prints."""
-    torch.set_num_threads(1)
-    console = Console(width=100)
+    options.engine.check()
     learned, other = split(options.lessons, options.decisions)
-    n_joints = next(n for n in range(5, 17) if observation_size(n) == learned.observations.shape[1])
+    console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
     console.print(f"{len(learned.cost)} judgements to learn from, {len(other.cost)} held out")
+    todo = list(trials(options))
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    with progress(console, len(todo), "networks") as advance:
+        for trial, figures in options.engine.map(run_trial, todo):
+            found.setdefault((trial.name, _value(trial.change)), []).append(figures)
+            advance(trial.name, 1)
     table = Table(box=None)
     for column in ("option", "value", "infeasible [%]", "regret of the others [intervals]"):
         table.add_column(column, justify="right" if "[" in column else "left")
-    for name, change in [(n, c) for n, changes in CHOICES.items() for c in changes]:
-        how = dataclasses.replace(Fit(), **change)
-        networks = [
-            fit(None, [learned], how, n_joints, seed, last=True)[0] for seed in range(options.seeds)
-        ]
-        figures = np.array([held_out(network, other) for network in networks])
-        spread = np.ptp(figures, axis=0) / 2.0
-        value = ", ".join(str(v) for v in change.values()) or "-"
-        shown = [f"{m:.3f} +- {s:.3f}" for m, s in zip(figures.mean(axis=0), spread, strict=True)]
-        table.add_row(name, value, *shown)
-        console.print(f"{name} {value}: {', '.join(shown)}")
+    for name, changes in CHOICES.items():
+        for change in changes:
+            own = np.array(found[name, _value(change)])
+            means, spread = own.mean(axis=0), np.ptp(own, axis=0) / 2.0
+            shown = (f"{m:.3f} +- {s:.3f}" for m, s in zip(means, spread, strict=True))
+            table.add_row(name, _value(change), *shown)
     console.print(table)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options, description=Options.__doc__))
+    try:
+        main(parse(Options, "python -m agents.imitation_study"))
+    except SnakeEnvError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -122,4 +122,5 @@ def _card(name: str, model: Model, about: dict[str, Any]) -> str:
 def _beginning(config: dict[str, Any]) -> str:
     """What a run began with."""
     begun: str = config.get("init") or "random weights"
-    return begun + (f" and the judgements of {config['lessons']}" if config.get("lessons") else "")
+    lessons = ", ".join(config.get("lessons") or ())
+    return begun + (f" and the judgements of {lessons}" if lessons else "")
