@@ -169,11 +169,11 @@ def _stop(
 
 
 def _print_errors(console: Console, name: str, rows: Any) -> None:
-    """Says on which task a policy raised first."""
-    raised = [row for row in rows if row["error"]]
-    if raised:
-        more = f" and {len(raised) - 1:,} more" if len(raised) > 1 else ""
-        text = f"{name} raised on task {raised[0]['task']}{more}: {raised[0]['error']}"
+    """Says on which task a policy failed by itself first."""
+    wrong = [row for row in rows if row["error"]]
+    if wrong:
+        more = f" and {len(wrong) - 1:,} more" if len(wrong) > 1 else ""
+        text = f"{name}: error on task {wrong[0]['task']}{more}: {wrong[0]['error']}"
         console.print(text, soft_wrap=True, markup=False)
 
 

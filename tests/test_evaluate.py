@@ -675,7 +675,7 @@ def test_policy_that_raises__is_reported_and_the_run_ends_well(
     monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
     assert command.main() == 0
     printed = capsys.readouterr().out
-    assert "failing raised on task 1 and 1 more: ZeroDivisionError" in printed
+    assert "failing: error on task 1 and 1 more: ZeroDivisionError" in printed
     assert "2 error in phase 1" in printed
     rows = _rows(out)
     assert [int(row["task"]) for row in rows] == list(range(20))
