@@ -14,6 +14,8 @@ from typing import Any
 import joblib
 from rich.console import Console
 
+from evaluate.command import console as make_console
+from evaluate.command import exit_code
 from evaluate.compare import CompareOptions, compare_folders
 from evaluate.engine import WorkerLostError
 from evaluate.latency import measure_latencies
@@ -22,8 +24,7 @@ from evaluate.progress import progress
 from evaluate.protocol import Shard, check_policy, run_shard
 from evaluate.store import Store
 from evaluate.summary import build_summary
-from evaluate.terminal import console as make_console
-from evaluate.terminal import exit_code, print_comparisons, print_results
+from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish, write_videos
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up

@@ -1,31 +1,13 @@
-"""What a command says in the terminal, and how it ends."""
+"""What an evaluation prints."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
-from collections.abc import Callable
 from typing import Any
 
 from rich.console import Console
 
 from evaluate.summary import sentences
 from evaluate.table import failure_lines, result_tables
-from snake_env.errors import SnakeEnvError
-
-CLOSED_PIPE = 141  # what a shell reports of a program that SIGPIPE ended
-
-
-class _Console(Console):
-    def on_broken_pipe(self) -> None:
-        """Leaves it to :func:`exit_code`; rich itself ends with 1."""
-        raise
-
-
-def console() -> Console:
-    """Where results are printed: 100 columns where there is no terminal."""
-    return _Console(width=None if sys.stdout.isatty() else 100, highlight=False, emoji=False)
 
 
 def print_results(where: Console, summary: dict[str, Any]) -> None:
@@ -41,35 +23,3 @@ def print_comparisons(where: Console, summary: dict[str, Any]) -> None:
     """Prints what the comparisons say."""
     for sentence in sentences(summary):
         where.print(sentence, soft_wrap=True, markup=False)
-
-
-def exit_code(command: Callable[[], int]) -> int:
-    """Runs a command; what goes wrong becomes one line and an exit code.
-
-    Returns:
-        The command's own exit code; 2: it was given something that it can't use; 1: the system refused
-        something; 130: interrupted; 141: whoever read the output has gone.
-    """
-    try:
-        code = command()
-        sys.stdout.flush()
-        return code
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        _forget_stdout()
-        return CLOSED_PIPE
-    except OSError as error:
-        _forget_stdout()
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-
-
-def _forget_stdout() -> None:
-    """Lets what can't be printed any more vanish; Python would try it once more at its end."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

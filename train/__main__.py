@@ -6,10 +6,10 @@ import importlib
 import sys
 from typing import Any
 
-from rich.console import Console
-
+from evaluate.command import console as make_console
+from evaluate.command import exit_code
 from evaluate.engine import WorkerLostError
-from snake_env.errors import SnakeEnvError, UnknownNameError
+from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
 from train.run import Run, begin
 
@@ -28,6 +28,10 @@ COMMANDS = {
 def main(args: list[str] | None = None) -> int:
     """Runs the command; its exit code."""
     words = sys.argv[1:] if args is None else args
+    return exit_code(lambda: _command(words))
+
+
+def _command(words: list[str]) -> int:
     try:
         if not words or words[0] in ("-h", "--help"):
             print(_help())
@@ -37,7 +41,7 @@ def main(args: list[str] | None = None) -> int:
         begin(words)
         module: Any = importlib.import_module(f"train.{words[0]}")
         options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
-        console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
+        console = make_console()
         run = getattr(options, "run", None)
         if isinstance(run, Run) and run.seeds != 1:
             from train.seeds import train_seeds  # takes a while to import
@@ -48,9 +52,6 @@ def main(args: list[str] | None = None) -> int:
     except WorkerLostError as error:
         print(f"error: {error}; --resume goes on with what is finished", file=sys.stderr)
         return 1
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
         print("interrupted: what is finished is kept", file=sys.stderr)
         return 130
