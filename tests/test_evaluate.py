@@ -26,11 +26,12 @@ from PIL import Image
 from rich.console import Console
 
 from evaluate import __main__ as command
+from evaluate.command import console
 from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
-from evaluate.terminal import console, print_comparisons
+from evaluate.terminal import print_comparisons
 from snake_env.episode import OUTCOMES
 from snake_env.policies import POLICIES, FirstFeasiblePolicy
 from snake_env.state import SnakeState
