@@ -12,7 +12,6 @@ from agents import dqn, ppo
 from agents.mlp import PREFERENCE
 from snake_env.network import Network
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
-from snake_env.sb3.masked import CLOSED
 
 PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
 DQN_SETTINGS = dqn.Settings(
@@ -109,16 +108,26 @@ def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: PPO) -> None:
         )
 
 
-def test_dqn__target_values_of_closed_modes_never_win(env: _Checked, q_learner: MaskedDQN) -> None:
+def test_dqn__target_is_the_value_of_the_open_mode_that_the_online_network_prefers(
+    env: _Checked, q_learner: MaskedDQN
+) -> None:
     observation = env.reset()
+    inputs = torch.as_tensor(observation["observation"])
     with torch.no_grad():
+        q_learner.q_net_target.q_net[-1].weight.normal_()  # not the online network's
         q_learner.q_net_target.q_net[-1].bias[:] = -50.0  # all values are far below 0
-        values = q_learner.q_net_target(_tensors(observation)).numpy()
-    closed = observation["action_mask"] == 0
-    assert (values[closed] == np.float32(CLOSED)).all()
-    assert (values.max(axis=1) > CLOSED / 2).all()
-    raw = q_learner.q_net_target.q_net(torch.as_tensor(observation["observation"]))
-    np.testing.assert_allclose(values[~closed], raw.detach().numpy()[~closed], rtol=1e-6)
+        target = q_learner.q_net_target(_tensors(observation)).numpy().max(axis=1)
+        values = q_learner.q_net_target.q_net(inputs).numpy()
+        online = q_learner.q_net.q_net(inputs).numpy()
+    chosen = np.where(observation["action_mask"] > 0, online, -np.inf).argmax(axis=1)
+    np.testing.assert_allclose(target, values[np.arange(len(chosen)), chosen], rtol=1e-6)
+    best = np.where(observation["action_mask"] > 0, values, -np.inf).max(axis=1)
+    assert (target < best - 1e-3).any()  # and not the target network's own largest
+
+
+def test_dqn__target_network_has_its_own_weights_only(q_learner: MaskedDQN) -> None:
+    names = [name for name, _ in q_learner.q_net_target.named_parameters()]
+    assert names == [name for name, _ in q_learner.q_net.named_parameters()]
 
 
 def test_dqn__explores_all_open_modes_evenly(env: _Checked, q_learner: MaskedDQN) -> None:

@@ -16,7 +16,7 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
-from stable_baselines3.common.type_aliases import PyTorchObs
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 
 CLOSED = -1e8
@@ -94,13 +94,24 @@ class MaskedActorCriticPolicy(ActorCriticPolicy):
 
 
 class MaskedQNetwork(QNetwork):
-    """Action values in which closed modes are never the largest: neither greedy nor as a target."""
+    """Action values in which closed modes are never the largest: neither greedy nor as a target.
+
+    Attributes:
+        chooser: Of a target network: the network that chooses for it, as in double DQN (van Hasselt et
+            al., AAAI 2016). SB3's target is the largest of the values, so only the chosen one is left.
+    """
+
+    chooser: tuple[MaskedQNetwork, ...] = ()  # in a tuple: its weights are not this network's
 
     def forward(self, obs: PyTorchObs) -> torch.Tensor:
         """Action values, shape (N, n_modes)."""
         assert isinstance(obs, dict)
         values: torch.Tensor = super().forward(obs)
-        return values.masked_fill(obs["action_mask"] < 1, CLOSED)
+        values = values.masked_fill(obs["action_mask"] < 1, CLOSED)
+        for network in self.chooser:
+            chosen = network(obs).argmax(dim=1, keepdim=True)
+            values = torch.full_like(values, CLOSED).scatter(1, chosen, values.gather(1, chosen))
+        return values
 
 
 class MaskedDQNPolicy(DQNPolicy):
@@ -114,6 +125,12 @@ class MaskedDQNPolicy(DQNPolicy):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs |= {"features_extractor_class": ObservationExtractor, "normalize_images": False}
         super().__init__(*args, **kwargs)
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        super()._build(lr_schedule)
+        assert isinstance(self.q_net, MaskedQNetwork)
+        assert isinstance(self.q_net_target, MaskedQNetwork)
+        self.q_net_target.chooser = (self.q_net,)
 
     def make_q_net(self) -> MaskedQNetwork:
         """A Q-network, on the policy's device."""
