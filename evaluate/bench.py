@@ -37,7 +37,7 @@ from snake_env.tasks import load_tasks
 from tests import oracle
 
 _REPEATS = 15
-_POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "ppo+shield")
+_POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+shield")
 
 
 def main() -> None:
