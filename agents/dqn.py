@@ -80,7 +80,7 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> Maske
     )
 
 
-def initialise(model: MaskedDQN, network: Network) -> None:
+def initialise(model: MaskedDQN, network: Network, settings: Settings) -> None:
     """Gives the action values a network's preferences."""
     for q_net in (model.q_net, model.q_net_target):
         load_weights(linear_layers(q_net.q_net), scaled(network, PREFERENCE))

@@ -45,6 +45,8 @@ class Settings:
     """Discount for an interval."""
     gae_lambda: float = 0.95
     """Decay of the generalised advantage estimate."""
+    init_sharpness: float = 1.0
+    """Multiplies the preferences of --init: the larger, the rarer a choice that is not the best one."""
     critic_first: int = 0
     """Decisions at the beginning from which only the critic learns: of use after --init."""
 
@@ -53,7 +55,7 @@ class Settings:
         check_hidden(self.hidden)
         check_hidden(self.critic_hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
-        check_positive(self, "learning_rate", "clip_range")
+        check_positive(self, "learning_rate", "clip_range", "init_sharpness")
         check_share(self, "gae_lambda", "gamma")
 
 
@@ -79,9 +81,9 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
     )
 
 
-def initialise(model: PPO, network: Network) -> None:
-    """Gives the actor a network's weights."""
-    load_weights(_actor(model), network)
+def initialise(model: PPO, network: Network, settings: Settings) -> None:
+    """Gives the actor a network's preferences."""
+    load_weights(_actor(model), scaled(network, settings.init_sharpness))
 
 
 def initialise_critic(model: PPO, value: Network, reward: Mapping[str, float]) -> None:

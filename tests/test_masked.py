@@ -152,7 +152,7 @@ def test_initialise__gives_the_policy_the_weights(
         [rng.normal(size=shape).astype(np.float32) for shape in shapes],
         [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
     )
-    algorithm.initialise(model, given)
+    algorithm.initialise(model, given, algorithm.Settings())
     observation = env.reset()
     got = algorithm.network(model)(observation["observation"])
     np.testing.assert_allclose(got, given(observation["observation"]), rtol=1e-5, atol=1e-4)
@@ -165,3 +165,11 @@ def test_initialise__gives_the_policy_the_weights(
     preferences = np.where(observation["action_mask"] > 0, got, -np.inf)
     chosen, _ = model.predict(observation, deterministic=True)
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
+
+
+def test_initialise__sharpens_what_ppo_begins_with(env: _Checked, learner: PPO) -> None:
+    given = ppo.network(learner)
+    ppo.initialise(learner, given, ppo.Settings(init_sharpness=4.0))
+    observation = env.reset()["observation"]
+    sharp = ppo.network(learner)(observation)
+    np.testing.assert_allclose(sharp, 4.0 * given(observation), rtol=1e-5)

@@ -145,7 +145,7 @@ def train(
         segment = _load(algorithm, model, checkpoint)
     else:
         if begun is not None:
-            algorithm.initialise(model, begun.network)
+            algorithm.initialise(model, begun.network, settings)
         if critic is not None:
             algorithm.initialise_critic(model, critic, weights)
     total = settings.timesteps
