@@ -97,6 +97,18 @@ def read_lessons(run: Path) -> list[Lessons]:
     return parts
 
 
+def lessons_of(run: Path) -> list[Lessons]:
+    """:func:`read_lessons` of a run that must have some.
+
+    Raises:
+        InvalidInputError: There are none, or they are damaged.
+    """
+    parts = read_lessons(run)
+    if not parts:
+        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
+    return parts
+
+
 def fit(
     network: Network | None,
     parts: Sequence[Lessons],

@@ -7,6 +7,7 @@ none has seen: how often is the preferred mode infeasible, and what does it cost
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import sys
 from collections.abc import Iterator
@@ -17,14 +18,14 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 import tyro
-from rich.console import Console
 from rich.table import Table
 
-from agents.imitate import Fit, Lessons, fit, read_lessons
+from agents.imitate import Fit, Lessons, fit, lessons_of
+from evaluate.command import console as make_console
+from evaluate.command import exit_code
 from evaluate.engine import Engine
 from evaluate.options import parse
 from evaluate.progress import progress
-from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.params import N_JOINTS_RANGE
@@ -95,15 +96,14 @@ def held_out(network: Network, lessons: Lessons) -> tuple[float, float]:
     return 100.0 * float(1.0 - feasible.mean()), float((taken - best)[feasible].mean())
 
 
+@functools.lru_cache(maxsize=1)  # a worker reads them once for all of its networks
 def split(run: Path, decisions: int, seed: int = 0) -> tuple[Lessons, Lessons]:
     """Judgements to learn from, and others.
 
     Raises:
         InvalidInputError: The run has none.
     """
-    lessons = read_lessons(run)
-    if not lessons:
-        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
+    lessons = lessons_of(run)
     observations = np.concatenate([part.observations for part in lessons])
     cost = np.concatenate([part.cost for part in lessons])
     order = np.random.default_rng(seed).permutation(len(cost))
@@ -117,11 +117,11 @@ def _value(change: dict[str, Any]) -> str:
     return ", ".join(map(str, change.values())) or "-"
 
 
-def main(options: Options) -> None:
-    """Learns, asks and prints."""
+def main(options: Options) -> int:
+    """Learns, asks and prints; the exit code."""
     options.engine.check()
     learned, other = split(options.lessons, options.decisions)
-    console = Console(width=None if sys.stdout.isatty() else 100, highlight=False)
+    console = make_console()
     console.print(f"{len(learned.cost)} judgements to learn from, {len(other.cost)} held out")
     todo = list(trials(options))
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
@@ -132,18 +132,14 @@ def main(options: Options) -> None:
     table = Table(box=None)
     for column in ("option", "value", "infeasible [%]", "regret of the others [intervals]"):
         table.add_column(column, justify="right" if "[" in column else "left")
-    for name, changes in CHOICES.items():
-        for change in changes:
-            own = np.array(found[name, _value(change)])
-            means, spread = own.mean(axis=0), np.ptp(own, axis=0) / 2.0
-            shown = (f"{m:.3f} +- {s:.3f}" for m, s in zip(means, spread, strict=True))
-            table.add_row(name, _value(change), *shown)
+    for name, value in dict.fromkeys((trial.name, _value(trial.change)) for trial in todo):
+        own = np.array(found[name, value])
+        means, spread = own.mean(axis=0), np.ptp(own, axis=0) / 2.0
+        shown = (f"{m:.3f} +- {s:.3f}" for m, s in zip(means, spread, strict=True))
+        table.add_row(name, value, *shown)
     console.print(table)
+    return 0
 
 
 if __name__ == "__main__":
-    try:
-        main(parse(Options, "python -m agents.imitation_study"))
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    sys.exit(exit_code(lambda: main(parse(Options, "python -m agents.imitation_study"))))

@@ -15,10 +15,10 @@ import joblib
 import numpy as np
 import tyro
 
+from evaluate.command import exit_code
 from evaluate.options import Assignments, parse, parse_overrides
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
-from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
 from snake_env.state import SnakeState
@@ -71,14 +71,14 @@ def input_changes(policy: str, state: SnakeState, params: SnakeParams, seed: int
 
 def main() -> int:
     """Runs the command; its exit code."""
-    try:
-        options = parse(Options, "python -m evaluate.smoothness")
-        params = SnakeParams.preset(options.preset, **parse_overrides(options.set))
-        load_policy(options.policy, params)
-        suite = load_tasks(options.tasks, params)
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return exit_code(_command)
+
+
+def _command() -> int:
+    options = parse(Options, "python -m evaluate.smoothness")
+    params = SnakeParams.preset(options.preset, **parse_overrides(options.set))
+    load_policy(options.policy, params)
+    suite = load_tasks(options.tasks, params)
     changes = joblib.Parallel(n_jobs=-1)(
         joblib.delayed(input_changes)(options.policy, suite.initial(task, params), params, task)
         for task in range(len(suite))

@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 
 from agents.checks import check_positive
-from agents.imitate import Fit, Lessons, fit, lessons, read_lessons
+from agents.imitate import Fit, Lessons, fit, lessons, lessons_of, read_lessons
 from agents.teacher import Visit, collect
 from evaluate.engine import Engine
 from evaluate.progress import progress
@@ -208,9 +208,7 @@ def _given(run: Path, params: SnakeParams) -> list[Lessons]:
     Raises:
         InvalidInputError: There are none, or they are those of other robots.
     """
-    parts = read_lessons(run)
-    if not parts:
-        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
+    parts = lessons_of(run)
     if parts[0].observations.shape[1] != observation_size(params.n_joints):
         raise InvalidInputError("lessons", str(run), f"those of {params.n_joints} joints")
     return parts
