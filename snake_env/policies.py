@@ -91,6 +91,8 @@ class ValuePolicy:
         self.rollouts += tree.rollouts
         if len(tree.mode) == 0:
             return self._optimizer.select(state).last_resort
+        if len(tree.mode) == 1:
+            return int(tree.mode[0])
         return int(tree.mode[np.argmin(self._value(tree.states))])
 
 

@@ -12,7 +12,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies import ValuePolicy, load_policy
 from snake_env.policy import Policy
 from snake_env.simulation import advance, predict
-from snake_env.state import SnakeState, StateBatch
+from snake_env.state import FloatArray, SnakeState, StateBatch
 from snake_env.tasks import random_suite
 from snake_env.value import PhaseValue, load_value
 from tests.conftest import PAPER, random_state, straight_state
@@ -311,6 +311,17 @@ def test_value__takes_any_function_and_of_equals_the_first() -> None:
     last = ValuePolicy(PAPER, lambda states: -states.last_mode.astype(float))
     assert first.select_mode(state) == feasible[0]
     assert last.select_mode(state) == feasible[-1]
+
+
+def test_value__asks_nobody_where_one_mode_is_feasible() -> None:
+    def unasked(states: StateBatch) -> FloatArray:
+        raise AssertionError
+
+    policy, state = ValuePolicy(PAPER, unasked), random_state(2, PAPER, 8)
+    valid = mode_table(8).valid(8)
+    assert predict(state, valid, PAPER).feasible.tolist() == [True]
+    assert policy.select_mode(state) == valid[0]
+    assert policy.rollouts == 1
 
 
 def test_value__holds_out_longest_where_nothing_is_feasible() -> None:

@@ -237,13 +237,16 @@ def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
     for seed in (3, 4):
         given[seed] = model_of(seed)
         write_model(tmp_path / f"student-s{seed}.safetensors", given[seed])
-    init = tmp_path / "student-s{seed}.safetensors"
+        write_model(tmp_path / f"value-s{seed}.safetensors", model_of(seed, kind="value"))
+    init, critic = (tmp_path / f"{name}-s{{seed}}.safetensors" for name in ("student", "value"))
     frozen = f"--seeds 2 --workers 1 --timesteps 1024 --critic-first 4096 --init {init} --hidden 12"
-    assert main(arguments("ppo", out, frozen)) == 0
+    assert main(arguments("ppo", out, f"{frozen} --init-critic {critic} --critic-hidden 12")) == 0
     for seed in (3, 4):
         made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
         assert same(made.network, given[seed].network)  # only the critic has learned
-        assert made.made["config"]["init"] == str(tmp_path / f"student-s{seed}.safetensors")
+        config = made.made["config"]
+        assert config["init"] == str(tmp_path / f"student-s{seed}.safetensors")
+        assert config["init_critic"] == str(tmp_path / f"value-s{seed}.safetensors")
 
 
 @pytest.mark.parametrize(

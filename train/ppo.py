@@ -25,8 +25,8 @@ class Options:
     validation: Validation = field(default_factory=Validation)
     settings: ppo.Settings = field(default_factory=ppo.Settings)
     init_critic: Path | None = None
-    """Model file of a value network that the critic begins with, as train value makes it; default:
-    random weights."""
+    """Model file of a value network that the critic begins with, as train value makes it; {seed} stands
+    for the run's seed. Default: random weights."""
 
 
 def train(options: Options, console: Console) -> Path:

@@ -114,12 +114,13 @@ def train(
     begun = None if init is None else read_model(init)
     if begun is not None:
         begun.check(params, "policy")
-    critic = None if init_critic is None else NetworkValue(read_model(init_critic), params).network
+    critic_from = None if init_critic is None else run.own(init_critic)
+    critic = None if critic_from is None else NetworkValue(read_model(critic_from), params).network
     config = {
         **dataclasses.asdict(settings),
         **dataclasses.asdict(validation),
         "init": None if init is None else str(init),
-        "init_critic": None if init_critic is None else str(init_critic),
+        "init_critic": None if critic_from is None else str(critic_from),
         "reward": weights,
         "segment": loop.segment,
         "validate_every": loop.validate_every,

@@ -36,7 +36,8 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     fit: Fit = field(default_factory=Fit)
     init: Path | None = None
-    """Model file that plays the first generation; default: the potential of the reward plays it."""
+    """Model file that plays the first generation; {seed} stands for the run's seed. Default: the
+    potential of the reward plays it."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
@@ -66,10 +67,11 @@ def train(options: Options, console: Console) -> Path:
         The model's file.
     """
     params = options.check()
-    begun = None if options.init is None else NetworkValue(read_model(options.init), params).network
+    init = None if options.init is None else options.run.own(options.init)
+    begun = None if init is None else NetworkValue(read_model(init), params).network
     config = {
         **dataclasses.asdict(options.fit),
-        "init": None if options.init is None else str(options.init),
+        "init": None if init is None else str(init),
         **{key: getattr(options, key) for key in ("generations", "episodes", "window")},
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
