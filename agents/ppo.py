@@ -10,6 +10,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.checks import check_hidden, check_positive, check_share
 from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
@@ -49,19 +50,32 @@ class Settings:
     """Multiplies the preferences of --init: the larger, the rarer a choice that is not the best one."""
     critic_first: int = 0
     """Decisions at the beginning from which only the critic learns: of use after --init."""
+    average: float = 1.0
+    """Share of the actor's newest weights, after each update, in the running mean that is validated and
+    kept; 1: the newest weights alone."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_hidden(self.hidden)
         check_hidden(self.critic_hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
-        check_positive(self, "learning_rate", "clip_range", "init_sharpness")
-        check_share(self, "gae_lambda", "gamma")
+        check_positive(self, "learning_rate", "clip_range", "init_sharpness", "average")
+        check_share(self, "gae_lambda", "gamma", "average")
 
 
-def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
+class AveragedPPO(PPO):
+    """PPO beside which a running mean of the actor's weights is kept.
+
+    Attributes:
+        average: The mean, over the layers of the actor.
+    """
+
+    average: AveragedModel
+
+
+def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> AveragedPPO:
     """A PPO learner; its random numbers and the robots' come from ``seed``."""
-    return PPO(
+    model = AveragedPPO(
         MaskedActorCriticPolicy,
         env,
         learning_rate=falling(settings.learning_rate),
@@ -79,14 +93,19 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> PPO:
         seed=seed,
         device=device,
     )
+    mean = get_ema_multi_avg_fn(1.0 - settings.average)
+    model.average = AveragedModel(nn.ModuleList(_actor(model)), multi_avg_fn=mean)
+    return model
 
 
-def initialise(model: PPO, network: Network, settings: Settings) -> None:
+def initialise(model: AveragedPPO, network: Network, settings: Settings) -> None:
     """Gives the actor a network's preferences."""
-    load_weights(_actor(model), scaled(network, settings.init_sharpness))
+    sharp = scaled(network, settings.init_sharpness)
+    for layers in (_actor(model), _mean_actor(model)):
+        load_weights(layers, sharp)
 
 
-def initialise_critic(model: PPO, value: Network, reward: Mapping[str, float]) -> None:
+def initialise_critic(model: AveragedPPO, value: Network, reward: Mapping[str, float]) -> None:
     """Gives the critic a value network's weights, from intervals into reward."""
     policy = model.policy
     layers = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
@@ -95,29 +114,35 @@ def initialise_critic(model: PPO, value: Network, reward: Mapping[str, float]) -
         layers[-1].bias.add_(reward["success"])
 
 
-def iterate(model: PPO, callback: BaseCallback, settings: Settings) -> None:
+def iterate(model: AveragedPPO, callback: BaseCallback, settings: Settings) -> None:
     """One rollout and the update that follows."""
     assert model.env is not None
     for layer in _actor(model):
         layer.requires_grad_(model.num_timesteps >= settings.critic_first)
     model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
     model.train()
+    model.average.update_parameters(nn.ModuleList(_actor(model)))
 
 
-def extra_state(model: PPO) -> dict[str, Any]:
-    """What goes on beside the policy and its optimiser: nothing."""
-    return {}
+def extra_state(model: AveragedPPO) -> dict[str, Any]:
+    """What goes on beside the policy and its optimiser: the actor's mean."""
+    return model.average.state_dict()
 
 
-def set_extra_state(model: PPO, state: dict[str, Any]) -> None:
+def set_extra_state(model: AveragedPPO, state: dict[str, Any]) -> None:
     """Restores :func:`extra_state`."""
+    model.average.load_state_dict(state)
 
 
-def network(model: PPO) -> Network:
-    """The actor's network: a preference for each mode."""
-    return to_numpy(_actor(model))
+def network(model: AveragedPPO) -> Network:
+    """The actor's network, averaged: a preference for each mode."""
+    return to_numpy(_mean_actor(model))
 
 
-def _actor(model: PPO) -> list[nn.Linear]:
+def _actor(model: AveragedPPO) -> list[nn.Linear]:
     policy = model.policy
     return linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])
+
+
+def _mean_actor(model: AveragedPPO) -> list[nn.Linear]:
+    return linear_layers(model.average.module.children())

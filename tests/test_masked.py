@@ -1,12 +1,12 @@
 """Masked PPO and DQN: nothing closed is ever chosen, nor does it count."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
 
 from agents import dqn, ppo
 from agents.mlp import PREFERENCE
@@ -37,7 +37,7 @@ def env() -> _Checked:
 
 
 @pytest.fixture
-def learner(env: _Checked) -> PPO:
+def learner(env: _Checked) -> ppo.AveragedPPO:
     return ppo.build(PPO_SETTINGS, env, seed=1, device="cpu")
 
 
@@ -50,7 +50,9 @@ def _tensors(observation: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
     return {key: torch.as_tensor(value) for key, value in observation.items()}
 
 
-def test_ppo__never_chooses_a_closed_mode_while_it_learns(env: _Checked, learner: PPO) -> None:
+def test_ppo__never_chooses_a_closed_mode_while_it_learns(
+    env: _Checked, learner: ppo.AveragedPPO
+) -> None:
     learner.learn(256)
     assert env.steps >= 256
     assert env.wrong == 0
@@ -66,7 +68,7 @@ def test_dqn__never_chooses_a_closed_mode_while_it_learns(
 
 @pytest.mark.parametrize("deterministic", [True, False])
 def test_predict__chooses_the_only_open_mode(
-    env: _Checked, learner: PPO, q_learner: MaskedDQN, deterministic: bool
+    env: _Checked, learner: ppo.AveragedPPO, q_learner: MaskedDQN, deterministic: bool
 ) -> None:
     observation = env.reset()
     only = np.array([3, 98, 0, 41])
@@ -78,7 +80,9 @@ def test_predict__chooses_the_only_open_mode(
             np.testing.assert_array_equal(chosen, only)
 
 
-def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, learner: PPO) -> None:
+def test_ppo__policy_is_the_softmax_over_open_modes(
+    env: _Checked, learner: ppo.AveragedPPO
+) -> None:
     observation = env.reset()
     with torch.no_grad():
         got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
@@ -88,7 +92,7 @@ def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, learner: PPO)
     np.testing.assert_allclose(got, wanted, atol=1e-6)
 
 
-def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: PPO) -> None:
+def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: ppo.AveragedPPO) -> None:
     observation = _tensors(env.reset())
     with torch.no_grad():
         actions, values, log_prob = learner.policy(observation)
@@ -99,7 +103,7 @@ def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: PPO) 
     assert (entropy <= torch.log(open_modes) + 1e-5).all()
 
 
-def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: PPO) -> None:
+def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: ppo.AveragedPPO) -> None:
     observation = _tensors(env.reset())
     other = dict(observation, action_mask=torch.ones_like(observation["action_mask"]))
     with torch.no_grad():
@@ -143,7 +147,7 @@ def test_dqn__explores_all_open_modes_evenly(env: _Checked, q_learner: MaskedDQN
 
 @pytest.mark.parametrize("algorithm", [ppo, dqn], ids=["ppo", "dqn"])
 def test_initialise__gives_the_policy_the_weights(
-    algorithm: Any, env: _Checked, learner: PPO, q_learner: MaskedDQN
+    algorithm: Any, env: _Checked, learner: ppo.AveragedPPO, q_learner: MaskedDQN
 ) -> None:
     model = learner if algorithm is ppo else q_learner
     rng = np.random.default_rng(0)
@@ -167,9 +171,25 @@ def test_initialise__gives_the_policy_the_weights(
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
 
 
-def test_initialise__sharpens_what_ppo_begins_with(env: _Checked, learner: PPO) -> None:
+def test_initialise__sharpens_what_ppo_begins_with(env: _Checked, learner: ppo.AveragedPPO) -> None:
     given = ppo.network(learner)
     ppo.initialise(learner, given, ppo.Settings(init_sharpness=4.0))
     observation = env.reset()["observation"]
     sharp = ppo.network(learner)(observation)
     np.testing.assert_allclose(sharp, 4.0 * given(observation), rtol=1e-5)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_average__is_the_running_mean_of_the_actors_weights(env: _Checked, share: float) -> None:
+    settings = dataclasses.replace(PPO_SETTINGS, average=share)
+    learner = ppo.build(settings, env, seed=1, device="cpu")
+    _, callback = learner._setup_learn(1000)
+    layer = learner.policy.action_net
+    expected = None
+    for _ in range(3):
+        ppo.iterate(learner, callback, settings)
+        newest = layer.weight.detach().numpy().T.astype(np.float64)
+        expected = newest if expected is None else expected + share * (newest - expected)
+    shipped = ppo.network(learner).weights[-1]
+    np.testing.assert_allclose(shipped, expected, rtol=1e-6, atol=1e-7)
+    assert np.array_equal(shipped, newest) == (share == 1.0)

@@ -27,7 +27,8 @@ from train.__main__ import main
 from train.run import Robot
 
 SMALL = {
-    "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64",
+    "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64 "
+    "--average 0.3",
     "dqn": "--timesteps 3072 --segment 1024 --num-envs 16 --learning-starts 300 --batch-size 32 "
     "--buffer-size 1600 --target-update 512 --gradient-steps 2",
 }
