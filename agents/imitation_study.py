@@ -142,4 +142,8 @@ def main(options: Options) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(exit_code(lambda: main(parse(Options, "python -m agents.imitation_study"))))
+    from agents import (
+        imitation_study as this,
+    )  # by this name workers find what is in it, __main__ not
+
+    sys.exit(exit_code(lambda: this.main(parse(this.Options, "python -m agents.imitation_study"))))

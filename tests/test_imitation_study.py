@@ -1,5 +1,7 @@
 """The comparison of imitation's options: what it learns from, what it asks, what it prints."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +64,13 @@ def test_study__prints_a_line_for_every_choice(
     for name in choices:
         (line,) = (line for line in printed.splitlines() if line.startswith(f" {name} "))
         assert line.count("+-") == 2
+
+
+def test_command__finds_its_functions_in_other_processes(tmp_path: Path) -> None:
+    words = ["--lessons", str(_run(tmp_path)), "--seeds", "1", "--workers", "2"]
+    command = [sys.executable, "-m", "agents.imitation_study", *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "400 judgements to learn from" in done.stdout
+    for name in imitation_study.CHOICES:
+        assert f" {name} " in done.stdout
