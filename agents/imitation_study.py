@@ -142,8 +142,9 @@ def main(options: Options) -> int:
 
 
 if __name__ == "__main__":
-    from agents import (
-        imitation_study as this,
-    )  # by this name workers find what is in it, __main__ not
+    # Other processes find by the module's name what a cache hides from pickling by value.
+    from agents import imitation_study as study
 
-    sys.exit(exit_code(lambda: this.main(parse(this.Options, "python -m agents.imitation_study"))))
+    sys.exit(
+        exit_code(lambda: study.main(parse(study.Options, "python -m agents.imitation_study")))
+    )
