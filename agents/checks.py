@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from snake_env.errors import InvalidInputError
+import torch
+
+from snake_env.errors import InvalidInputError, UnknownNameError
 
 
 def check_positive(options: Any, *names: str) -> None:
@@ -19,6 +21,14 @@ def check_share(options: Any, *names: str) -> None:
     for name in names:
         if not 0.0 <= getattr(options, name) <= 1.0:
             raise InvalidInputError(name, getattr(options, name), "a number from 0 to 1")
+
+
+def check_device(device: str) -> None:
+    """Raises a SnakeEnvError unless networks can learn there."""
+    if device not in ("cpu", "cuda"):
+        raise UnknownNameError("device", device, ["cpu", "cuda"])
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InvalidInputError("device", device, "cpu: there is no CUDA device")
 
 
 def check_hidden(hidden: tuple[int, ...]) -> None:

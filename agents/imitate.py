@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.checks import check_hidden, check_positive
+from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import PREFERENCE, build, from_numpy, linear_layers, scaled, to_numpy
 from agents.teacher import Decisions
 from snake_env.errors import InvalidInputError
@@ -52,12 +52,15 @@ class Fit:
     """Weight of the action values' error beside it."""
     violation: float = 100.0
     """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
+    device: str = "cpu"
+    """Where the network is fitted: cpu, or cuda."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "last_epochs", "batch_size", "learning_rate")
         check_positive(self, "violation")
         check_hidden(self.hidden)
+        check_device(self.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +141,19 @@ def fit(
         if network is None
         else from_numpy(scaled(network, PREFERENCE))
     )
-    order, sign = (torch.from_numpy(part) for part in mirror(n_joints))
-    x = torch.from_numpy(np.concatenate([part.observations for part in parts]))
-    cost = torch.from_numpy(np.concatenate([part.cost for part in parts]))
+    module.to(how.device)
+    order, sign = (torch.from_numpy(part).to(how.device) for part in mirror(n_joints))
+    x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
+    cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
     optimizer = torch.optim.Adam(module.parameters(), how.learning_rate)
     schedule = torch.optim.lr_scheduler.LinearLR(
         optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * (len(x) // size)
     )
-    figures = {"regret": 0.0, "infeasible": 0.0}
+    preferred = torch.zeros(0)
     for epoch in range(epochs):
-        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size)
-        figures = dict.fromkeys(figures, 0.0)
+        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size).to(how.device)
+        preferred = torch.zeros(batches.shape, device=how.device)
         for k, rows in enumerate(batches):
             given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
             costs = cost[rows].float()
@@ -160,10 +164,12 @@ def fit(
             loss.backward()
             optimizer.step()
             schedule.step()
-            preferred = regret.gather(1, values.argmax(dim=1, keepdim=True))
-            broken = preferred >= how.violation
-            figures["regret"] += float(preferred[~broken].sum()) / size / len(batches)
-            figures["infeasible"] += float(broken.float().mean()) / len(batches)
+            preferred[k] = regret.gather(1, values.argmax(dim=1, keepdim=True))[:, 0]
+    broken = (preferred >= how.violation).float()
+    figures = {
+        "regret": float((preferred * (1.0 - broken)).mean()),
+        "infeasible": float(broken.mean()),
+    }
     return scaled(to_numpy(linear_layers(module)), 1.0 / PREFERENCE), figures
 
 

@@ -21,7 +21,7 @@ from snake_env.simulation import advance_batch, predict_batch
 from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.symmetry import SymmetricNetwork
 from snake_env.tasks import random_tasks
-from snake_env.value import ValueFunction, load_value
+from snake_env.value import ValueFunction, load_value, network_value
 
 Teacher = Literal["lookahead", "analytic"]
 FAILURE = 30.0
@@ -64,7 +64,13 @@ class Decisions:
         )
 
 
-def judge(states: StateBatch, teacher: Teacher, params: SnakeParams, depth: int = 0) -> Decisions:
+def judge(
+    states: StateBatch,
+    teacher: Teacher,
+    params: SnakeParams,
+    depth: int = 0,
+    value: ValueFunction | None = None,
+) -> Decisions:
     """What a teacher says about every mode of some states.
 
     Args:
@@ -74,12 +80,13 @@ def judge(states: StateBatch, teacher: Teacher, params: SnakeParams, depth: int 
         params: The constants.
         depth: Intervals that ``lookahead`` searches; each costs as many roll-outs as (21) for every
             state that it begins with.
+        value: What ``lookahead`` takes values from; default: what ships for these robots.
     """
     tree = expand(states, params)
     if teacher == "analytic":
         after = _analytic_to_go(tree.states, params)
     else:
-        after = _to_go(tree.states, load_value(params), params, depth)
+        after = _to_go(tree.states, value or load_value(params), params, depth)
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
     cost[tree.parent, tree.mode] = 1.0 + np.minimum(after, FAILURE)
@@ -129,6 +136,7 @@ class Visit:
         decisions: How many, before mirrored copies are added.
         teacher: Who judges the modes.
         depth: See :func:`judge`.
+        value: The network that ``lookahead`` takes values from; None: what ships for these robots.
         student: Whose states are visited: a network that prefers modes; None: the teacher's own, with
             noise in its choices.
         overweight: How many times as often as others those states are kept in which the student's
@@ -142,6 +150,7 @@ class Visit:
     decisions: int
     teacher: Teacher
     depth: int
+    value: Network | None
     student: Network | None
     overweight: float
     mirrored: bool
@@ -205,7 +214,7 @@ def _of_teacher(
 
     All are judged; those near a deadlock are always kept.
     """
-    decisions = judge(states, shard.teacher, shard.params, shard.depth)
+    decisions = _judged(states, shard)
     noise = rng.gumbel(size=decisions.cost_to_go.shape)
     rank = np.where(decisions.feasible, decisions.cost_to_go - noise * scale[:, None], np.inf)
     feasible, valid = decisions.feasible.sum(axis=1), _valid(states, shard.params)
@@ -230,10 +239,16 @@ def _of_student(
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
     rows = np.flatnonzero(kept)
-    decisions = judge(states.take(rows), shard.teacher, params, shard.depth)
+    decisions = _judged(states.take(rows), shard)
     best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
     chosen[wrong] = best[wrong[rows]]
     return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
+
+
+def _judged(states: StateBatch, shard: Visit) -> Decisions:
+    """What the shard's teacher says about some states."""
+    value = None if shard.value is None else network_value(shard.value, shard.params)
+    return judge(states, shard.teacher, shard.params, shard.depth, value)
 
 
 def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -1,8 +1,9 @@
 """The value network: how many intervals a state still needs, learned by policy iteration.
 
 Each generation plays random tasks. An episode first explores: for some intervals its choices are those
-of the value with noise. From then on it is greedy, and what it needs from each state to the end is
-exactly what that state is worth under the present value. The next value is fitted to these returns.
+of the value with noise. From then on it is greedy, or follows the plan of a beam search that the value
+guides, and what it needs from each state to the end is what that state is worth to such a player. The
+next value is fitted to these returns.
 """
 
 from __future__ import annotations
@@ -13,18 +14,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.checks import check_hidden, check_positive
+from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import build, from_numpy, linear_layers, to_numpy
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Model
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
-from snake_env.search import best_of_each, expand
-from snake_env.state import StateBatch
+from snake_env.search import Budget, beam_search, best_of_each, expand
+from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 from snake_env.symmetry import mirror
 from snake_env.tasks import random_tasks
-from snake_env.value import NetworkValue, PhaseValue, ValueFunction
+from snake_env.value import PhaseValue, ValueFunction, network_value
 
 FAILURE = 30.0
 """What a state is worth from which the target is not reached [intervals]."""
@@ -47,6 +47,8 @@ class Fit:
     """Largest learning rate of AdamW in the first generation; falls to a twentieth by the last."""
     weight_decay: float = 1e-4
     """Weight decay of AdamW."""
+    device: str = "cpu"
+    """Where the network is fitted: cpu, or cuda."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
@@ -54,6 +56,7 @@ class Fit:
         if not self.weight_decay >= 0.0:
             raise InvalidInputError("weight_decay", self.weight_decay, "zero or a positive number")
         check_hidden(self.hidden)
+        check_device(self.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,7 @@ class Play:
         part: Which shard of it.
         count: Number of episodes.
         network: The present value; None: minus the potential of the reward.
+        width: States that the beam search follows; 1: greedy play.
         params: The constants.
     """
 
@@ -74,6 +78,7 @@ class Play:
     part: int
     count: int
     network: Network | None
+    width: int
     params: SnakeParams
 
 
@@ -84,8 +89,8 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Greedy intervals from there to the target, or :data:`FAILURE`, shape (N,).
-        greedy: Episodes that did not explore.
+        intervals: From there to the target, or :data:`FAILURE`, shape (N,).
+        strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
     """
@@ -93,7 +98,7 @@ class Returns:
     part: int
     observations: NDArray[np.float32]
     intervals: NDArray[np.float32]
-    greedy: int
+    strict: int
     solved: int
     time: int
 
@@ -102,7 +107,7 @@ def value_of(network: Network | None, params: SnakeParams) -> ValueFunction:
     """The value function of a network; without one, minus the potential of the reward."""
     if network is None:
         return PhaseValue(params)
-    return NetworkValue(Model("value", params.n_joints, network), params)
+    return network_value(network, params)
 
 
 def play(shard: Play) -> Returns:
@@ -114,38 +119,87 @@ def play(shard: Play) -> Returns:
     phi0, target = random_tasks([np.random.default_rng(stream) for stream in streams], params)
     value = value_of(shard.network, params)
     explores = np.where(rng.random(count) < _AT_ONCE, 0, rng.integers(_EXPLORED, size=count))
+    explores[0] = 0  # so that every shard has returns
     scale = np.exp(rng.uniform(*np.log(_NOISE), count))
-    states, task = StateBatch.initial(phi0, target, params), np.arange(count)
-    end = np.full(count, -1)
-    visited: list[tuple[NDArray[np.float32], NDArray[np.int64]]] = []
-    depth, longest = 0, _EXPLORED + int(FAILURE)
-    while len(task) and depth < longest:
-        visited.append((observe(states, params), task))
-        tree = expand(states, params)
-        noisy = explores[task] > depth
-        noise = rng.gumbel(size=len(tree.mode)) * scale[task[tree.parent]]
-        rank = value(tree.states) - np.where(noisy[tree.parent], noise, 0.0)
-        chosen = best_of_each(tree.parent, rank)
-        states, task = tree.states.take(chosen), task[tree.parent[chosen]]
-        depth += 1
-        reached = states.phase > params.n_joints
-        end[task[reached]] = depth
-        states, task = states.take(np.flatnonzero(~reached)), task[~reached]
-    observations = np.concatenate([rows for rows, _ in visited])
-    of = np.concatenate([tasks for _, tasks in visited])
-    when = np.repeat(np.arange(len(visited)), [len(tasks) for _, tasks in visited])
-    kept = when >= explores[of]
-    left = np.where(end[of] >= 0, np.minimum(end[of] - when, FAILURE), FAILURE)
-    greedy = explores == 0
-    solved = greedy & (end >= 0)
+    states, task = _wander(
+        StateBatch.initial(phi0, target, params), explores, scale, value, rng, params
+    )
+    if shard.width == 1:
+        needed, observations, intervals = _greedy(states, value, params)
+    else:
+        needed, observations, intervals = _searched(states, value, shard.width, params)
+    solved = (explores[task] == 0) & (needed < FAILURE)
     return Returns(
         part=shard.part,
-        observations=observations[kept],
-        intervals=left[kept].astype(np.float32),
-        greedy=int(greedy.sum()),
+        observations=observations,
+        intervals=intervals,
+        strict=int((explores == 0).sum()),
         solved=int(solved.sum()),
-        time=int(end[solved].sum()),
+        time=int(needed[solved].sum()),
     )
+
+
+def _wander(
+    states: StateBatch,
+    explores: IntArray,
+    scale: FloatArray,
+    value: ValueFunction,
+    rng: np.random.Generator,
+    params: SnakeParams,
+) -> tuple[StateBatch, IntArray]:
+    """Where episodes are after their exploration, and which ones: of some it is the end."""
+    task = np.arange(len(states))
+    for depth in range(_EXPLORED):
+        going = explores[task] > depth
+        noisy = np.flatnonzero(going)
+        tree = expand(states.take(noisy), params)
+        parent = noisy[tree.parent]
+        noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
+        chosen = best_of_each(parent, value(tree.states) - noise)
+        after, moved = tree.states.take(chosen), parent[chosen]
+        states = states.put(moved, after)
+        kept = ~going
+        kept[moved] = after.phase <= params.n_joints
+        states, task = states.take(np.flatnonzero(kept)), task[kept]
+    return states, task
+
+
+_Played = tuple[FloatArray, NDArray[np.float32], NDArray[np.float32]]
+"""Intervals from each state to the target, or FAILURE; the observations on the ways, and theirs."""
+
+
+def _greedy(states: StateBatch, value: ValueFunction, params: SnakeParams) -> _Played:
+    """Plays greedily from some states, side by side."""
+    needed = np.full(len(states), FAILURE)
+    visited: list[NDArray[np.float32]] = []
+    of: list[IntArray] = []
+    now, which = states, np.arange(len(states))
+    while len(which) and len(visited) < FAILURE:
+        visited.append(observe(now, params))
+        of.append(which)
+        tree = expand(now, params)
+        chosen = best_of_each(tree.parent, value(tree.states))
+        now, which = tree.states.take(chosen), which[tree.parent[chosen]]
+        reached = now.phase > params.n_joints
+        needed[which[reached]] = len(visited)
+        now, which = now.take(np.flatnonzero(~reached)), which[~reached]
+    left = [np.where(needed[k] < FAILURE, needed[k] - d, FAILURE) for d, k in enumerate(of)]
+    return needed, np.concatenate(visited), np.concatenate(left).astype(np.float32)
+
+
+def _searched(states: StateBatch, value: ValueFunction, width: int, params: SnakeParams) -> _Played:
+    """Plans from each of some states, by beam search."""
+    visited: list[SnakeState] = []
+    left: list[FloatArray] = []
+    for k in range(len(states)):
+        plan = beam_search(
+            states[k], value, params, width=width, longest=int(FAILURE), budget=Budget()
+        )
+        visited += [states[k]] if plan is None else plan.states
+        left.append(np.array([FAILURE]) if plan is None else np.arange(len(plan), 0.0, -1.0))
+    observations = observe(StateBatch.stack(visited), params)
+    needed = np.array([intervals[0] for intervals in left])
+    return needed, observations, np.concatenate(left).astype(np.float32)
 
 
 def fit(
@@ -177,18 +231,19 @@ def fit(
         torch.nn.init.constant_(module[-1].bias, float(np.median(intervals)))
     else:
         module = from_numpy(network)
-    order, sign = (torch.from_numpy(part) for part in mirror(n_joints))
-    x, y = torch.from_numpy(observations), torch.from_numpy(intervals)
+    module.to(how.device)
+    order, sign = (torch.from_numpy(part).to(how.device) for part in mirror(n_joints))
+    x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = how.epochs * (len(x) // size)
     optimizer = torch.optim.AdamW(module.parameters(), learning_rate, weight_decay=how.weight_decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, learning_rate, total_steps=steps + 1, pct_start=0.1
+        optimizer, learning_rate, total_steps=max(20, steps + 1), pct_start=0.1
     )
-    error = 0.0
+    error = torch.zeros(0)
     for epoch in range(how.epochs):
-        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size)
-        error = 0.0
+        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size).to(how.device)
+        error = torch.zeros(len(batches), device=how.device)
         for k, rows in enumerate(batches):
             given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
             estimate = module(given)[:, 0]
@@ -197,5 +252,5 @@ def fit(
             loss.backward()
             optimizer.step()
             schedule.step()
-            error += float((estimate.detach() - y[rows]).abs().mean()) / len(batches)
-    return to_numpy(linear_layers(module)), error
+            error[k] = (estimate.detach() - y[rows]).abs().mean()
+    return to_numpy(linear_layers(module)), float(error.mean())

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from snake_env.model_file import Model, read_model
+from snake_env.network import Network
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.reward import potential
@@ -59,6 +60,11 @@ class NetworkValue:
         reached = states.phase > self._params.n_joints
         result: FloatArray = np.where(reached, 0.0, estimates)
         return result
+
+
+def network_value(network: Network, params: SnakeParams) -> NetworkValue:
+    """The value function of a network that is in no file."""
+    return NetworkValue(Model("value", params.n_joints, network), params)
 
 
 @functools.lru_cache(maxsize=16)

@@ -111,11 +111,11 @@ def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
 
     real, rounds = train.imitate._play, []
 
-    def dying(options: object, number: int, *rest: object) -> None:
+    def dying(options: object, visits: object, number: int, *rest: object) -> None:
         rounds.append(number)
         if len(rounds) == 2:
             raise KeyboardInterrupt
-        real(options, number, *rest)
+        real(options, visits, number, *rest)
 
     out = tmp_path / "run"
     words = ["imitate", *SMALL.split(), "--out", str(out)]

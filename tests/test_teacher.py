@@ -26,7 +26,7 @@ from snake_env.policies import load_policy
 from snake_env.simulation import advance, predict
 from snake_env.state import SnakeState, StateBatch
 from snake_env.symmetry import SymmetricNetwork, mirror
-from snake_env.value import load_value
+from snake_env.value import load_value, network_value
 from tests.conftest import PAPER, random_state, same_state, sim_1_episode
 
 FIVE = SnakeParams(n_joints=5)
@@ -43,7 +43,7 @@ def _student(n_joints: int, highest: bool) -> Network:
 
 def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
     options = {
-        "seed": 0, "part": 0, "decisions": 150, "teacher": "lookahead", "depth": 0,
+        "seed": 0, "part": 0, "decisions": 150, "teacher": "lookahead", "depth": 0, "value": None,
         "student": None, "overweight": 1.0, "mirrored": False, "params": params,
     }  # fmt: skip
     return Visit(**(options | changes))  # type: ignore[arg-type]
@@ -298,6 +298,12 @@ def test_collect__says_what_judge_says() -> None:
         assert _same(found, judge(found.states, "lookahead", FIVE, depth))
     found = _collected(teacher="analytic", decisions=80)
     assert _same(found, judge(found.states, "analytic", FIVE))
+    eleven = Network(
+        [np.zeros((observation_size(5), 1), np.float32)], [np.full(1, 11.0, np.float32)]
+    )
+    found = _collected(value=eleven, decisions=80)
+    assert _same(found, judge(found.states, "lookahead", FIVE, 0, network_value(eleven, FIVE)))
+    assert set(found.cost_to_go[found.feasible]) == {12.0}  # none of them reaches the target
 
 
 def test_collect__is_decided_by_seed_and_part() -> None:

@@ -565,7 +565,7 @@ def test_value__learns_a_network_that_can_be_used(learned: Path) -> None:
     rows = _log(learned)
     assert [row["generation"] for row in rows] == ["1", "2"]
     for row in rows:
-        assert 0.0 <= float(row["greedy_success"]) <= 1.0
+        assert 0.0 <= float(row["success"]) <= 1.0
         assert 0.0 < float(row["fit_error"]) < 30.0
 
 
@@ -594,6 +594,17 @@ def test_value__is_reproducible_and_decided_by_its_seed(learned: Path, tmp_path:
     _good(*VALUE, tmp_path / "other", "--seed", 1)
     one, other = (read_model(path / "value.safetensors") for path in (learned, tmp_path / "other"))
     assert not np.array_equal(one.network.weights[0], other.network.weights[0])
+
+
+def test_value__goes_on_from_a_network_of_the_same_size(learned: Path, tmp_path: Path) -> None:
+    begun = read_model(learned / "value.safetensors").network
+    slow = ("--init", learned / "value.safetensors", "--learning-rate", 1e-9, "--generations", 1)
+    _good(*VALUE, tmp_path / "same", *slow)
+    _good(*VALUE, tmp_path / "other", *slow, "--hidden", 9)
+    same = read_model(tmp_path / "same" / "value.safetensors").network
+    np.testing.assert_allclose(same.weights[0], begun.weights[0], atol=1e-6)
+    other = read_model(tmp_path / "other" / "value.safetensors").network
+    assert other.sizes == [observation_size(5), 9, 1]
 
 
 class _Kill(BaseException):

@@ -93,6 +93,7 @@ def train(options: Options, console: Console) -> None:
             decisions=SHARD,
             teacher=options.teacher,
             depth=options.depth,
+            value=None,
             student=None if student is None else student.network,
             overweight=options.overweight,
             mirrored=options.mirror,

@@ -45,6 +45,9 @@ class Options:
     init: Path | None = None
     """Model file of the student that plays first, and begins with its weights where it has these hidden
     layers; {seed} stands for the run's seed. Default: the teacher plays first."""
+    value: Path | None = None
+    """Model file of the value network that the teacher trusts; {seed} stands for the run's seed.
+    Default: what ships for these robots, else the potential of the reward."""
     lessons: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN...")] = ()
     """Also learn from the judgements of other runs; with --rounds 0 from these only. {seed} stands for
     the run's seed."""
@@ -89,13 +92,16 @@ def train(options: Options, console: Console) -> Path:
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
     begun = None if init is None else _student(init, params)
+    trusted = None if options.value is None else read_model(options.run.own(options.value))
+    if trusted is not None:
+        trusted.check(params, "value")
     taught = [options.run.own(run) for run in options.lessons]
     given = [lesson for run in taught for lesson in _given(run, params)]
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
         **dataclasses.asdict(options.validation),
-        "value": value_digest(params),
+        "value": value_digest(params) if trusted is None else trusted.sha256,
         "init": None if init is None else str(init),
         "lessons": list(map(str, taught)),
         "seed": options.run.seed,
@@ -113,7 +119,10 @@ def train(options: Options, console: Console) -> Path:
     for number in range(len(rows), last + 1):
         label = f"round {number + 1} of {last + 1}"
         if options.rounds > 0:
-            _play(options, number, network or begun, params, folder.path, label, console)
+            student = network or begun
+            value = None if trusted is None else trusted.network
+            visits = _visits(options, number, student, value, params)
+            _play(options, visits, number, params, folder.path, label, console)
         network, figures = fit(
             network,
             [*given, *read_lessons(folder.path)],
@@ -149,33 +158,44 @@ def train(options: Options, console: Console) -> Path:
     return folder.path / "best.safetensors"
 
 
-def _play(
+def _visits(
     options: Options,
     number: int,
-    network: Network | None,
+    student: Network | None,
+    value: Network | None,
     params: SnakeParams,
-    folder: Path,
-    label: str,
-    console: Console,
-) -> None:
-    """Collects a round's lessons and keeps them."""
+) -> list[Visit]:
+    """What is to be collected in a round."""
     count = -(-options.decisions // _PART)
-    visits = [
+    return [
         Visit(
             seed=options.run.seed,
             part=number * count + part,
             decisions=_PART,
             teacher="lookahead",
             depth=options.depth,
-            student=network,
-            overweight=1.0 if network is None else options.overweight,
+            value=value,
+            student=student,
+            overweight=1.0 if student is None else options.overweight,
             mirrored=False,
             params=params,
         )
         for part in range(count)
     ]
+
+
+def _play(
+    options: Options,
+    visits: list[Visit],
+    number: int,
+    params: SnakeParams,
+    folder: Path,
+    label: str,
+    console: Console,
+) -> None:
+    """Collects a round's lessons and keeps them."""
     collected = []
-    with progress(console, count * _PART, "decisions") as advance:
+    with progress(console, len(visits) * _PART, "decisions") as advance:
         for part, decisions in options.engine.map(collect, visits):
             collected.append((part, lessons(decisions, params)))
             advance(label, _PART)

@@ -27,7 +27,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.checks import check_positive
+from agents.checks import check_device, check_positive
 from agents.imitate import REWARD
 from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
@@ -68,10 +68,7 @@ class Loop:
             SnakeEnvError: An option's value can't be used.
         """
         check_positive(self, "segment", "validate_every")
-        if self.device not in ("cpu", "cuda"):
-            raise UnknownNameError("device", self.device, ["cpu", "cuda"])
-        if self.device == "cuda" and not torch.cuda.is_available():
-            raise InvalidInputError("device", self.device, "cpu: there is no CUDA device")
+        check_device(self.device)
         known = [weight.name for weight in dataclasses.fields(RewardWeights)]
         given = parse_overrides(self.reward)
         for name in given:

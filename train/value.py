@@ -15,6 +15,7 @@ from agents.value import Fit, Play, Returns, fit, play
 from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.model_file import Model, read_model, write_model
+from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
 from snake_env.value import NetworkValue
@@ -27,8 +28,8 @@ _PART = 256  # episodes that a worker plays side by side
 class Options:
     """Learn how many intervals a state still needs: the guide of the planner.
 
-    Each generation plays random tasks greedily by the present value, after some exploration, and fits
-    the next one to the returns.
+    Each generation plays random tasks by the present value, after some exploration, and fits the next
+    one to the returns.
     """
 
     run: Run = field(default_factory=Run)
@@ -36,12 +37,15 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     fit: Fit = field(default_factory=Fit)
     init: Path | None = None
-    """Model file that plays the first generation; {seed} stands for the run's seed. Default: the
-    potential of the reward plays it."""
+    """Model file that plays the first generation, and whose weights are fitted further where it has
+    these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
+    it."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
     """Random tasks that are played in each."""
+    width: int = 1
+    """States that a beam search follows, whose plans the returns are then those of; 1: greedy play."""
     window: int = 5
     """Generations whose returns the network is fitted to."""
 
@@ -51,7 +55,7 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        check_positive(self, "generations", "episodes", "window")
+        check_positive(self, "generations", "episodes", "width", "window")
         self.fit.check()
         self.engine.check()
         return self.robot.params()
@@ -72,20 +76,23 @@ def train(options: Options, console: Console) -> Path:
     config = {
         **dataclasses.asdict(options.fit),
         "init": None if init is None else str(init),
-        **{key: getattr(options, key) for key in ("generations", "episodes", "window")},
+        **{key: getattr(options, key) for key in ("generations", "episodes", "width", "window")},
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
     folder = RunFolder(options.run, "value", options.robot, config)
     file = folder.path / "value.safetensors"
     rows = list(folder.rows())
-    network = read_model(_kept(folder.path, len(rows) - 1)).network if rows else None
+    sizes = [observation_size(params.n_joints), *options.fit.hidden, 1]
+    network = begun if begun is not None and begun.sizes == sizes else None
+    if rows:
+        network = read_model(_kept(folder.path, len(rows) - 1)).network
     player = begun if network is None else network
     torch.set_num_threads(1)
     warm_up(params)
     for generation in range(len(rows), options.generations):
         parts = [
-            Play(options.run.seed, generation, first // _PART, count, player, params)
+            Play(options.run.seed, generation, first // _PART, count, player, options.width, params)
             for first in range(0, options.episodes, _PART)
             for count in [min(_PART, options.episodes - first)]
         ]
@@ -113,13 +120,13 @@ def train(options: Options, console: Console) -> Path:
             seed=options.run.seed + 1000 * generation,
         )
         player = network
-        greedy = sum(returns.greedy for returns in played)
+        strict = sum(returns.strict for returns in played)
         solved = sum(returns.solved for returns in played)
         time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
         row = {
             "generation": generation + 1,
-            "greedy_success": round(solved / max(1, greedy), 5),
-            "greedy_mean_time_s": round(time_s, 3),
+            "success": round(solved / max(1, strict), 5),
+            "mean_time_s": round(time_s, 3),
             "fit_error": round(error, 4),
         }
         made = {"command": command(), "config": config, "generation": generation + 1}
@@ -130,8 +137,7 @@ def train(options: Options, console: Console) -> Path:
             stale.unlink(missing_ok=True)
             stale.with_suffix(".json").unlink(missing_ok=True)
         console.print(
-            f"{label}: greedy before it {solved}/{greedy}, {time_s:.1f} s; "
-            f"fitted to {error:.2f} intervals"
+            f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
         )
     assert network is not None
     made = {"command": command(), "config": config, "generations": options.generations}

@@ -1,0 +1,98 @@
+"""``agents.value``: what states are worth to a greedy player, and to one that searches."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from agents.value import FAILURE, Fit, Play, Returns, fit, play
+from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.observation import observe
+from snake_env.params import SnakeParams
+from snake_env.policies import ValuePolicy
+from snake_env.search import Budget, beam_search
+from snake_env.simulation import advance
+from snake_env.state import SnakeState, StateBatch
+from snake_env.tasks import random_tasks
+from snake_env.value import PhaseValue
+
+FIVE = SnakeParams(n_joints=5)
+SHARD = Play(seed=3, generation=1, part=2, count=24, network=None, width=1, params=FIVE)
+
+
+def _starts() -> list[SnakeState]:
+    streams = [np.random.SeedSequence(3, spawn_key=(1, 2, k)) for k in range(SHARD.count)]
+    phi0, target = random_tasks([np.random.default_rng(stream) for stream in streams], FIVE)
+    batch = StateBatch.initial(phi0, target, FIVE)
+    return [batch[k] for k in range(len(batch))]
+
+
+def _of(returns: Returns, state: SnakeState) -> float | None:
+    """What the returns say about a state; None: they don't know it."""
+    observation = observe(StateBatch.stack([state]), FIVE)[0]
+    (rows,) = np.nonzero((returns.observations == observation).all(axis=1))
+    return float(returns.intervals[rows[0]]) if len(rows) else None
+
+
+def _needed(state: SnakeState) -> float:
+    """Intervals that the greedy policy needs from a state."""
+    policy = ValuePolicy(FIVE, PhaseValue(FIVE))
+    for interval in range(int(FAILURE)):
+        if state.done:
+            return interval
+        state, prediction = advance(state, policy.select_mode(state), FIVE)
+        if not prediction.feasible[0]:
+            return FAILURE
+    return float(FAILURE)
+
+
+def test_play__counts_the_intervals_of_greedy_play() -> None:
+    returns = play(SHARD)
+    known = [(state, _of(returns, state)) for state in _starts()]
+    strict = [(state, intervals) for state, intervals in known if intervals is not None]
+    assert (
+        len(strict) == returns.strict >= 3
+    )  # who explores is somewhere else when it begins to count
+    needed = [_needed(state) for state, _ in strict]
+    assert needed == [intervals for _, intervals in strict]
+    solved = [intervals for intervals in needed if intervals < FAILURE]
+    assert (returns.solved, returns.time) == (len(solved), sum(solved))
+    assert len(returns.observations) > returns.strict
+
+
+def test_play__counts_the_intervals_of_the_plans_that_a_search_finds() -> None:
+    returns = play(dataclasses.replace(SHARD, width=3))
+    shorter = 0
+    for state in _starts():
+        intervals = _of(returns, state)
+        if intervals is None:
+            continue
+        plan = beam_search(
+            state, PhaseValue(FIVE), FIVE, width=3, longest=int(FAILURE), budget=Budget()
+        )
+        if plan is None:
+            assert intervals == FAILURE
+            continue
+        shorter += len(plan) < _needed(state)
+        on_the_way = [_of(returns, passed) for passed in plan.states]
+        assert on_the_way == list(range(len(plan), 0, -1))
+    assert shorter > 0
+
+
+def test_fit__learns_its_returns_from_where_it_begins() -> None:
+    returns = play(SHARD)
+    data = (returns.observations, returns.intervals)
+    how = Fit(hidden=(32,), epochs=300, batch_size=64)
+    network, error = fit(None, *data, how, 1e-2, 5, seed=0)
+    _, further = fit(network, *data, dataclasses.replace(how, epochs=1), 1e-6, 5, seed=1)
+    assert error < 0.5 * np.abs(returns.intervals - np.median(returns.intervals)).mean()
+    assert further == pytest.approx(error, rel=0.5)
+
+
+def test_fit__says_where_it_can_be_done() -> None:
+    with pytest.raises(UnknownNameError, match=r"device"):
+        Fit(device="tpu").check()
+    if not torch.cuda.is_available():
+        with pytest.raises(InvalidInputError, match=r"^device = 'cuda': expected cpu"):
+            Fit(device="cuda").check()
