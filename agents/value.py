@@ -1,9 +1,13 @@
 """The value network: how many intervals a state still needs, learned by policy iteration.
 
 Each generation plays random tasks. An episode first explores: for some intervals its choices are those
-of the value with noise. From then on it is greedy, or follows the plan of a beam search that the value
-guides, and what it needs from each state to the end is what that state is worth to such a player. The
-next value is fitted to these returns.
+of the value with noise. From then on it is greedy, and what it needs from each state to the end is
+exactly what that state is worth under the present value. The next value is fitted to these returns, or
+to lambda-returns (TD(lambda), Sutton and Barto, section 12.1), which trust the present value for what
+lies further ahead: how long an episode takes hangs on tiny differences, so returns are noisy.
+
+A smaller network is distilled from a large one: fitted to what that says about all successors of the
+states that it passes, for which there is no noise and much more of them.
 """
 
 from __future__ import annotations
@@ -20,8 +24,8 @@ from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
-from snake_env.search import Budget, beam_search, best_of_each, expand
-from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
+from snake_env.search import best_of_each, expand
+from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.symmetry import mirror
 from snake_env.tasks import random_tasks
 from snake_env.value import PhaseValue, ValueFunction, network_value
@@ -69,7 +73,7 @@ class Play:
         part: Which shard of it.
         count: Number of episodes.
         network: The present value; None: minus the potential of the reward.
-        width: States that the beam search follows; 1: greedy play.
+        trace_decay: Lambda; None: what the network says about all successors instead of returns.
         params: The constants.
     """
 
@@ -78,7 +82,7 @@ class Play:
     part: int
     count: int
     network: Network | None
-    width: int
+    trace_decay: float | None
     params: SnakeParams
 
 
@@ -89,7 +93,7 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: From there to the target, or :data:`FAILURE`, shape (N,).
+        intervals: Their lambda-returns, or what the network says, at most :data:`FAILURE`, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
@@ -124,10 +128,7 @@ def play(shard: Play) -> Returns:
     states, task = _wander(
         StateBatch.initial(phi0, target, params), explores, scale, value, rng, params
     )
-    if shard.width == 1:
-        needed, observations, intervals = _greedy(states, value, params)
-    else:
-        needed, observations, intervals = _searched(states, value, shard.width, params)
+    needed, observations, intervals = _greedy(states, value, shard.trace_decay, params)
     solved = (explores[task] == 0) & (needed < FAILURE)
     return Returns(
         part=shard.part,
@@ -164,42 +165,49 @@ def _wander(
     return states, task
 
 
-_Played = tuple[FloatArray, NDArray[np.float32], NDArray[np.float32]]
-"""Intervals from each state to the target, or FAILURE; the observations on the ways, and theirs."""
+def _greedy(
+    states: StateBatch, value: ValueFunction, trace_decay: float | None, params: SnakeParams
+) -> tuple[FloatArray, NDArray[np.float32], NDArray[np.float32]]:
+    """Plays greedily from some states, side by side.
 
-
-def _greedy(states: StateBatch, value: ValueFunction, params: SnakeParams) -> _Played:
-    """Plays greedily from some states, side by side."""
+    Returns:
+        Intervals from each to the target, or FAILURE; the observations on the ways and their
+        lambda-returns, or all successors' and what they are worth.
+    """
     needed = np.full(len(states), FAILURE)
-    visited: list[NDArray[np.float32]] = []
-    of: list[IntArray] = []
-    now, which = states, np.arange(len(states))
-    while len(which) and len(visited) < FAILURE:
-        visited.append(observe(now, params))
-        of.append(which)
+    seen: list[StateBatch] = []
+    said: list[FloatArray] = []
+    steps: list[tuple[IntArray, IntArray, FloatArray]] = []
+    now, playing = states, np.arange(len(states))
+    while len(playing) and len(steps) < FAILURE:
         tree = expand(now, params)
-        chosen = best_of_each(tree.parent, value(tree.states))
-        now, which = tree.states.take(chosen), which[tree.parent[chosen]]
+        worth = value(tree.states)
+        open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
+        seen.append(now if trace_decay is not None else tree.states.take(open_))
+        said.append(worth[open_])
+        chosen = best_of_each(tree.parent, worth)
+        now, moved = tree.states.take(chosen), playing[tree.parent[chosen]]
+        steps.append((playing, moved, worth[chosen]))  # who does not move has deadlocked
         reached = now.phase > params.n_joints
-        needed[which[reached]] = len(visited)
-        now, which = now.take(np.flatnonzero(~reached)), which[~reached]
-    left = [np.where(needed[k] < FAILURE, needed[k] - d, FAILURE) for d, k in enumerate(of)]
-    return needed, np.concatenate(visited), np.concatenate(left).astype(np.float32)
+        needed[moved[reached]] = len(steps)
+        now, playing = now.take(np.flatnonzero(~reached)), moved[~reached]
+    if trace_decay is not None:
+        said = _lambda_returns(steps, np.where(needed < FAILURE, 0.0, FAILURE), trace_decay)
+    observations = np.concatenate([observe(states, params) for states in seen])
+    return needed, observations, np.concatenate(said).astype(np.float32)
 
 
-def _searched(states: StateBatch, value: ValueFunction, width: int, params: SnakeParams) -> _Played:
-    """Plans from each of some states, by beam search."""
-    visited: list[SnakeState] = []
-    left: list[FloatArray] = []
-    for k in range(len(states)):
-        plan = beam_search(
-            states[k], value, params, width=width, longest=int(FAILURE), budget=Budget()
-        )
-        visited += [states[k]] if plan is None else plan.states
-        left.append(np.array([FAILURE]) if plan is None else np.arange(len(plan), 0.0, -1.0))
-    observations = observe(StateBatch.stack(visited), params)
-    needed = np.array([intervals[0] for intervals in left])
-    return needed, observations, np.concatenate(left).astype(np.float32)
+def _lambda_returns(
+    steps: list[tuple[IntArray, IntArray, FloatArray]], after: FloatArray, trace_decay: float
+) -> list[FloatArray]:
+    """The returns of each step's episodes, from what they are worth at the end, ``after``."""
+    returns = []
+    for playing, moved, worth in reversed(steps):
+        trusted = np.clip(worth, 0.0, FAILURE)
+        ahead = (1.0 - trace_decay) * trusted + trace_decay * after[moved]
+        after[moved] = np.minimum(1.0 + ahead, FAILURE)
+        returns.append(after[playing])
+    return returns[::-1]
 
 
 def fit(

@@ -73,13 +73,13 @@ class ValuePolicy:
 
     Args:
         params: The constants that it predicts with.
-        value: Default: the shipped network.
+        value: Default: the shipped network ``value``, or what the planner is guided by.
     """
 
     def __init__(self, params: SnakeParams, value: ValueFunction | None = None) -> None:
         self.params = params
         self.rollouts = 0
-        self._value = load_value(params) if value is None else value
+        self._value = _quick_value(params) if value is None else value
         self._optimizer = AnalyticOptimizer(params)
 
     def reset(self, seed: int | None = None) -> None:
@@ -94,6 +94,12 @@ class ValuePolicy:
         if len(tree.mode) == 1:
             return int(tree.mode[0])
         return int(tree.mode[np.argmin(self._value(tree.states))])
+
+
+def _quick_value(params: SnakeParams) -> ValueFunction:
+    """The network that ships for single decisions."""
+    model = pretrained("value", params.n_joints, params.head_contact)
+    return load_value(params) if model is None else NetworkValue(model, params)
 
 
 _POLICY_STREAMS = (0, 1)

@@ -67,7 +67,7 @@ class SymmetricNetwork:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
         x = observations @ self._first
         x += self._first_bias
-        x = x.reshape(2 * len(observations), -1)  # each state, then its image
+        x = x.reshape(2 * len(observations), x.shape[1] // 2)  # each state, then its image
         for weight, bias in self._rest:
             np.maximum(x, 0.0, out=x)
             x = x @ weight

@@ -15,6 +15,7 @@ from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.reward import potential
 from snake_env.state import FloatArray, StateBatch
+from snake_env.symmetry import SymmetricNetwork
 
 
 class ValueFunction(Protocol):
@@ -40,7 +41,7 @@ class PhaseValue:
 
 
 class NetworkValue:
-    """A trained network.
+    """A trained network, asked about each state and its mirror image: the mean of both errs less.
 
     Args:
         model: Of the kind ``value``.
@@ -53,10 +54,11 @@ class NetworkValue:
     def __init__(self, model: Model, params: SnakeParams) -> None:
         model.check(params, "value")
         self.network, self._params = model.network, params
+        self._twice = SymmetricNetwork(model.network, params.n_joints)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
-        estimates = self.network(observe(states, self._params))[:, 0].astype(np.float64)
+        estimates = 0.5 * self._twice(observe(states, self._params))[:, 0].astype(np.float64)
         reached = states.phase > self._params.n_joints
         result: FloatArray = np.where(reached, 0.0, estimates)
         return result
@@ -77,7 +79,17 @@ def pretrained(name: str, n_joints: int, head_contact: bool) -> Model | None:
         return read_model(path) if path.is_file() else None
 
 
+def guide(params: SnakeParams) -> Model | None:
+    """The shipped network that guides planner and teachers for such robots; None where there is none.
+
+    That is ``lookahead``: large, as many states share its cost. Robots without one have ``value`` for
+    this too, the network of the policy of that name, in which every decision waits for it.
+    """
+    robots = (params.n_joints, params.head_contact)
+    return pretrained("lookahead", *robots) or pretrained("value", *robots)
+
+
 def load_value(params: SnakeParams) -> ValueFunction:
-    """The shipped network for such robots, or :class:`PhaseValue` where there is none."""
-    model = pretrained("value", params.n_joints, params.head_contact)
+    """What :func:`guide` says, or :class:`PhaseValue` where there is none."""
+    model = guide(params)
     return PhaseValue(params) if model is None else NetworkValue(model, params)

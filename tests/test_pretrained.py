@@ -16,7 +16,7 @@ from snake_env.tasks import load_tasks
 
 FOLDER = Path(str(files("snake_env") / "pretrained"))
 MODELS = sorted(path.stem for path in FOLDER.glob("*.safetensors"))
-POLICIES = [name for name in MODELS if not name.startswith("value")]
+POLICIES = [name for name in MODELS if not name.startswith(("value", "lookahead"))]
 
 
 def test_models__ship_for_both_robots() -> None:

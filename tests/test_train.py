@@ -24,6 +24,7 @@ from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
+from snake_env.state import StateBatch
 from snake_env.tasks import load_tasks
 from snake_env.value import NetworkValue
 from tests.conftest import PAPER
@@ -157,6 +158,9 @@ BAD = {
     "collect --student {tmp}": r"^model = .*: expected",
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
+    "value --trace-decay 1.5": r"^trace_decay = 1\.5: expected a number from 0 to 1$",
+    "value --distil": r"^distil = True: expected --init: whose values are to be learned$",
+    "value --device tpu": r"device 'tpu'",
     "value --window 0": r"^window = 0: expected a positive number$",
     "value --epochs 0": r"^epochs = 0: expected a positive number$",
     "value --batch-size 0": r"^batch_size = 0: expected a positive number$",
@@ -605,6 +609,19 @@ def test_value__goes_on_from_a_network_of_the_same_size(learned: Path, tmp_path:
     np.testing.assert_allclose(same.weights[0], begun.weights[0], atol=1e-6)
     other = read_model(tmp_path / "other" / "value.safetensors").network
     assert other.sizes == [observation_size(5), 9, 1]
+
+
+def test_value__is_distilled_into_a_smaller_network(learned: Path, tmp_path: Path) -> None:
+    words = ("--distil", "--init", learned / "value.safetensors", "--epochs", 200, "--hidden", 4)
+    _good(*VALUE, tmp_path / "small", *words, "--generations", 1, "--learning-rate", 0.01)
+    small, large = (
+        NetworkValue(read_model(path / "value.safetensors"), FIVE)
+        for path in (tmp_path / "small", learned)
+    )
+    suite = load_tasks("random:64:9", FIVE)
+    states = StateBatch.initial(suite.phi0, suite.target, FIVE)
+    off = np.abs(small(states) - large(states)).mean()
+    assert off < 0.5 * np.abs(large(states) - np.median(large(states))).mean()
 
 
 class _Kill(BaseException):

@@ -10,6 +10,7 @@ from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.state import StateBatch
+from snake_env.symmetry import mirror
 from snake_env.value import NetworkValue, PhaseValue, load_value
 from tests.conftest import PAPER, random_state, straight_state
 
@@ -33,15 +34,24 @@ def test_phase_value__counts_the_phases_left_and_this_ones_error() -> None:
     assert PhaseValue(PAPER)(states) == pytest.approx([7, 6, 5 + share, 4, 3, 2, 1, 0, 0])
 
 
-def test_network_value__is_the_networks_output_or_0_at_the_target() -> None:
+def test_network_value__is_the_networks_mean_of_both_images_or_0_at_the_target() -> None:
     states = [random_state(seed) for seed in range(5)]
     batch = StateBatch.stack([*states, states[0].replace(phase=9)])
     network = _network(1)
     values = NetworkValue(Model("value", 8, network), PAPER)(batch)
     assert values.dtype == np.float64
-    assert values[:5] == pytest.approx(network(observe(batch, PAPER))[:5, 0])
+    order, sign = mirror(8)
+    seen = observe(batch, PAPER)
+    mean = 0.5 * (network(seen) + network(seen[:, order] * sign))[:, 0]
+    assert values[:5] == pytest.approx(mean[:5])
+    assert not np.allclose(mean, network(seen)[:, 0])
     assert values[5] == 0.0
-    assert network(observe(batch, PAPER))[5, 0] != 0.0
+    assert mean[5] != 0.0
+
+
+def test_network_value__of_no_states_is_empty() -> None:
+    values = NetworkValue(Model("value", 8, _network(1)), PAPER)
+    assert values(StateBatch.stack([random_state(0)]).take([])).shape == (0,)
 
 
 def test_network_value__refuses_policies_and_other_robots() -> None:

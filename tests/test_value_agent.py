@@ -1,4 +1,4 @@
-"""``agents.value``: what states are worth to a greedy player, and to one that searches."""
+"""``agents.value``: what states are worth to a greedy player."""
 
 import dataclasses
 
@@ -11,14 +11,14 @@ from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.policies import ValuePolicy
-from snake_env.search import Budget, beam_search
+from snake_env.search import expand
 from snake_env.simulation import advance
 from snake_env.state import SnakeState, StateBatch
 from snake_env.tasks import random_tasks
 from snake_env.value import PhaseValue
 
 FIVE = SnakeParams(n_joints=5)
-SHARD = Play(seed=3, generation=1, part=2, count=24, network=None, width=1, params=FIVE)
+SHARD = Play(seed=3, generation=1, part=2, count=64, network=None, trace_decay=1.0, params=FIVE)
 
 
 def _starts() -> list[SnakeState]:
@@ -61,23 +61,43 @@ def test_play__counts_the_intervals_of_greedy_play() -> None:
     assert len(returns.observations) > returns.strict
 
 
-def test_play__counts_the_intervals_of_the_plans_that_a_search_finds() -> None:
-    returns = play(dataclasses.replace(SHARD, width=3))
-    shorter = 0
+def test_play__trusts_the_value_for_what_lies_ahead() -> None:
+    exact = play(SHARD)
+    trusting = play(dataclasses.replace(SHARD, trace_decay=0.75))
+    np.testing.assert_array_equal(trusting.observations, exact.observations)
+    value, policy = PhaseValue(FIVE), ValuePolicy(FIVE, PhaseValue(FIVE))
+    checked = 0
     for state in _starts():
-        intervals = _of(returns, state)
-        if intervals is None:
+        wanted = _of(trusting, state)
+        if wanted is None or _needed(state) == FAILURE:
             continue
-        plan = beam_search(
-            state, PhaseValue(FIVE), FIVE, width=3, longest=int(FAILURE), budget=Budget()
-        )
-        if plan is None:
-            assert intervals == FAILURE
+        worths = []
+        while not state.done:
+            state, _ = advance(state, policy.select_mode(state), FIVE)
+            worths.append(float(value(StateBatch.stack([state]))[0]))
+        # the weighted mean of the n-step returns (Sutton and Barto, 12.2)
+        n_step = [n + worth for n, worth in enumerate(worths, start=1)]
+        weights = [0.25 * 0.75 ** (n - 1) for n in range(1, len(worths))]
+        weights.append(0.75 ** (len(worths) - 1))
+        assert sum(weights) == pytest.approx(1.0)
+        assert wanted == pytest.approx(float(np.dot(weights, n_step)), abs=1e-5)
+        checked += 1
+    assert checked >= 3
+
+
+def test_play__says_what_the_network_thinks_of_all_successors() -> None:
+    shard = dataclasses.replace(SHARD, count=12)
+    told = play(dataclasses.replace(shard, trace_decay=None))
+    exact = play(shard)
+    assert (told.strict, told.solved, told.time) == (exact.strict, exact.solved, exact.time)
+    assert len(told.observations) == len(told.intervals) > 2 * len(exact.observations)
+    for state in _starts()[:12]:
+        if _of(exact, state) is None:
             continue
-        shorter += len(plan) < _needed(state)
-        on_the_way = [_of(returns, passed) for passed in plan.states]
-        assert on_the_way == list(range(len(plan), 0, -1))
-    assert shorter > 0
+        ends = expand(StateBatch.stack([state]), FIVE).states
+        for k in np.flatnonzero(ends.phase <= 5):
+            worth = float(PhaseValue(FIVE)(ends.take([k]))[0])
+            assert _of(told, ends[int(k)]) == pytest.approx(worth, abs=1e-6)
 
 
 def test_fit__learns_its_returns_from_where_it_begins() -> None:

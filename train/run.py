@@ -22,7 +22,7 @@ from evaluate.journal import writable_folder, write_atomically
 from evaluate.options import Assignments, parse_overrides
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.value import pretrained
+from snake_env.value import guide
 
 SCHEMA = 1
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
@@ -168,7 +168,7 @@ class RunFolder:
 
 def value_digest(params: SnakeParams) -> str | None:
     """SHA-256 of the shipped value network that results depend on; None where there is none."""
-    model = pretrained("value", params.n_joints, params.head_contact)
+    model = guide(params)
     return None if model is None else model.sha256
 
 

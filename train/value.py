@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from agents.checks import check_positive
+from agents.checks import check_positive, check_share
 from agents.value import Fit, Play, Returns, fit, play
 from evaluate.engine import Engine
 from evaluate.progress import progress
+from snake_env.errors import InvalidInputError
 from snake_env.model_file import Model, read_model, write_model
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
@@ -40,12 +41,15 @@ class Options:
     """Model file that plays the first generation, and whose weights are fitted further where it has
     these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
     it."""
+    distil: bool = False
+    """Fit to what the network of --init says about all successors on the way, instead of returns: makes
+    a smaller one of it. It then plays all generations."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
     """Random tasks that are played in each."""
-    width: int = 1
-    """States that a beam search follows, whose plans the returns are then those of; 1: greedy play."""
+    trace_decay: float = 1.0
+    """Lambda of TD(lambda): less than 1 trusts the present value for what lies further ahead."""
     window: int = 5
     """Generations whose returns the network is fitted to."""
 
@@ -55,7 +59,10 @@ class Options:
         Raises:
             SnakeEnvError: An option's value can't be used.
         """
-        check_positive(self, "generations", "episodes", "width", "window")
+        check_positive(self, "generations", "episodes", "window")
+        check_share(self, "trace_decay")
+        if self.distil and self.init is None:
+            raise InvalidInputError("distil", True, "--init: whose values are to be learned")
         self.fit.check()
         self.engine.check()
         return self.robot.params()
@@ -76,7 +83,10 @@ def train(options: Options, console: Console) -> Path:
     config = {
         **dataclasses.asdict(options.fit),
         "init": None if init is None else str(init),
-        **{key: getattr(options, key) for key in ("generations", "episodes", "width", "window")},
+        **{
+            key: getattr(options, key)
+            for key in ("distil", "generations", "episodes", "trace_decay", "window")
+        },
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -87,12 +97,21 @@ def train(options: Options, console: Console) -> Path:
     network = begun if begun is not None and begun.sizes == sizes else None
     if rows:
         network = read_model(_kept(folder.path, len(rows) - 1)).network
-    player = begun if network is None else network
+    trace_decay = None if options.distil else options.trace_decay
     torch.set_num_threads(1)
     warm_up(params)
     for generation in range(len(rows), options.generations):
+        player = begun if options.distil or network is None else network
         parts = [
-            Play(options.run.seed, generation, first // _PART, count, player, options.width, params)
+            Play(
+                options.run.seed,
+                generation,
+                first // _PART,
+                count,
+                player,
+                trace_decay,
+                params,
+            )
             for first in range(0, options.episodes, _PART)
             for count in [min(_PART, options.episodes - first)]
         ]
@@ -119,7 +138,6 @@ def train(options: Options, console: Console) -> Path:
             params.n_joints,
             seed=options.run.seed + 1000 * generation,
         )
-        player = network
         strict = sum(returns.strict for returns in played)
         solved = sum(returns.solved for returns in played)
         time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
