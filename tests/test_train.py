@@ -1,6 +1,7 @@
 """``python -m train``: what solve, collect and value make, refuse and survive."""
 
 import csv
+import importlib
 import json
 import os
 import re
@@ -29,9 +30,11 @@ from snake_env.tasks import load_tasks
 from snake_env.value import NetworkValue
 from tests.conftest import PAPER
 from train.__main__ import COMMANDS, main
+from train.config import parse_with_file
 
-ROOT = Path(__file__).resolve().parent.parent
 FIVE = SnakeParams(n_joints=5)
+ROOT = Path(__file__).resolve().parent.parent
+TUNED = sorted((ROOT / "agents" / "tuned").glob("*.yaml"))
 QUICK = ("--set", "n_joints=5", "--workers", "1")
 SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
 COLLECT = ("collect", "--decisions", "400", "--seed", "3", *QUICK, "--out")  # 3 shards of 150
@@ -750,3 +753,15 @@ def test_value__reports_a_damaged_model(
     kept = tmp_path / "value-1.safetensors"
     kept.write_bytes(kept.read_bytes()[:-1])
     assert "sha256 differs" in _refusal(capsys, *VALUE, tmp_path, "--resume")
+
+
+@pytest.mark.parametrize("file", TUNED, ids=lambda file: file.stem)
+def test_tuned_options__can_be_used(file: Path) -> None:
+    command = file.stem.partition("-")[0]
+    options_of = importlib.import_module(f"train.{command}").Options
+    options = parse_with_file(options_of, command, ["--config", str(file)])
+    assert options != options_of()
+    text = file.read_text()
+    assert f"python -m train {command} " in text  # says how it is used
+    for path in re.findall(r"snake_env/[\w/.-]+", text):
+        assert (ROOT / path).is_file()

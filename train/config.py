@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import yaml
 
@@ -68,21 +68,25 @@ def _replace(options: Any, given: Mapping[str, Any]) -> tuple[Any, set[str]]:
     """The options with some values replaced, and the names of these."""
     changes: dict[str, Any] = {}
     used: set[str] = set()
+    types = get_type_hints(type(options))
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
         if dataclasses.is_dataclass(value):
             changes[field.name], more = _replace(value, given)
             used |= more
         elif field.name in given:
-            changes[field.name] = _converted(field.name, given[field.name], value)
+            changes[field.name] = _converted(
+                field.name, given[field.name], value, types[field.name]
+            )
             used.add(field.name)
     return dataclasses.replace(options, **changes), used
 
 
-def _converted(name: str, given: Any, default: Any) -> Any:
-    """A value from the file as the option wants it; None stands for any type."""
+def _converted(name: str, given: Any, default: Any, wanted: Any) -> Any:
+    """A value from the file as the option wants it; a default of None stands for any type."""
     if isinstance(default, tuple) and isinstance(given, list):
-        return tuple(given)
+        paths = get_args(wanted)[:1] == (Path,)
+        return tuple(map(Path, given)) if paths else tuple(given)
     if isinstance(default, float) and type(given) is int:
         return float(given)
     if default is None:
