@@ -202,7 +202,8 @@ def successors(
     """The states in which predicted intervals end, phases shifted where (18) holds."""
     lanes = np.arange(len(states))
     scp = states.phase - 1
-    error = np.abs(prediction.phi[lanes, scp] - states.target[lanes, scp])
+    reached = prediction.phi[lanes, scp]
+    error = np.abs(reached - states.target[lanes, scp])
     shift = prediction.feasible & (error < params.epsilon_p)  # (18)
     phase = states.phase + shift
     next_scp = np.minimum(phase, params.n_joints) - 1
@@ -215,7 +216,7 @@ def successors(
         ref_start=np.where(shift, prediction.phi[lanes, next_scp], states.ref_start),
         elapsed=states.elapsed + prediction.duration,
         last_mode=np.array(modes, dtype=np.int64),
-        last_turn=prediction.phi[lanes, scp] - states.phi[lanes, scp],
+        last_turn=reached - states.phi[lanes, scp],
     )
 
 

@@ -155,7 +155,8 @@ class StateBatch:
     def take(self, indices: ArrayLike) -> StateBatch:
         """The states at the given positions, in their order; an index may come many times."""
         chosen = np.asarray(indices, dtype=np.intp)
-        return StateBatch(**{name: getattr(self, name)[chosen] for name in _FIELDS})
+        # numpy.take copies rows several times as fast as indexing does
+        return StateBatch(**{name: getattr(self, name).take(chosen, axis=0) for name in _FIELDS})
 
     def put(self, indices: ArrayLike, other: StateBatch) -> StateBatch:
         """A copy in which the states at the given positions are the other's."""
