@@ -32,5 +32,6 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
         axis.grid(alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
     if len(runs) > 1:
-        axes[0].legend(frameon=False, fontsize=8)
+        lines, names = axes[0].get_legend_handles_labels()
+        figure.legend(lines, names, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     figure.savefig(out)
