@@ -93,7 +93,7 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Their lambda-returns, or what the network says, at most :data:`FAILURE`, shape (N,).
+        intervals: Their lambda-returns, at most :data:`FAILURE`, or what the network says, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.

@@ -37,8 +37,8 @@ _CARD = """# {name}
 _WHAT = {
     "policy": "Prefers modes: the policy takes the one it prefers among those that are stable at t_k, "
     "with no model roll-out. `+shield` checks the choice with a roll-out.",
-    "value": "Says how many intervals a state still needs: the policies `value` and `lookahead` are "
-    "guided by it.",
+    "value": "Says how many intervals a state still needs: such networks guide the policies `value` "
+    "and `lookahead`, and the teacher of `imitate`.",
 }
 _LIMITS = {
     "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
