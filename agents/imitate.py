@@ -10,6 +10,7 @@ the preferences are those of a soft maximum of action values: PPO and DQN can bo
 from __future__ import annotations
 
 import zipfile
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,14 +20,13 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.mlp import PREFERENCE, build, from_numpy, linear_layers, scaled, to_numpy
+from agents.mlp import PREFERENCE, batches, build, from_numpy, linear_layers, scaled, to_numpy
 from agents.teacher import Decisions
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
-from snake_env.symmetry import mirror
 
 REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
 """What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""
@@ -142,29 +142,26 @@ def fit(
         else from_numpy(scaled(network, PREFERENCE))
     )
     module.to(how.device)
-    order, sign = (torch.from_numpy(part).to(how.device) for part in mirror(n_joints))
     x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
     cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
+    steps = len(x) // size  # in a pass
     optimizer = torch.optim.Adam(module.parameters(), how.learning_rate)
     schedule = torch.optim.lr_scheduler.LinearLR(
-        optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * (len(x) // size)
+        optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * steps
     )
-    preferred = torch.zeros(0)
-    for epoch in range(epochs):
-        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size).to(how.device)
-        preferred = torch.zeros(batches.shape, device=how.device)
-        for k, rows in enumerate(batches):
-            given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
-            costs = cost[rows].float()
-            values = module(given).masked_fill(costs < 0.0, -1e9)
-            regret = _regret(costs, how)
-            loss = _loss(values, costs, regret, how)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            preferred[k] = regret.gather(1, values.argmax(dim=1, keepdim=True))[:, 0]
+    last_pass: deque[torch.Tensor] = deque(maxlen=steps)
+    for rows, given in batches(x, size, epochs, n_joints):
+        costs = cost[rows].float()
+        values = module(given).masked_fill(costs < 0.0, -1e9)
+        regret = _regret(costs, how)
+        loss = _loss(values, costs, regret, how)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+        last_pass.append(regret.gather(1, values.argmax(dim=1, keepdim=True))[:, 0])
+    preferred = torch.stack(tuple(last_pass))
     broken = (preferred >= how.violation).float()
     figures = {
         "regret": float((preferred * (1.0 - broken)).mean()),

@@ -12,6 +12,7 @@ states that it passes, for which there is no noise and much more of them.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,14 +20,13 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.mlp import build, from_numpy, linear_layers, to_numpy
+from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.search import best_of_each, expand
 from snake_env.state import FloatArray, IntArray, StateBatch
-from snake_env.symmetry import mirror
 from snake_env.tasks import random_tasks
 from snake_env.value import PhaseValue, ValueFunction, network_value
 
@@ -240,25 +240,20 @@ def fit(
     else:
         module = from_numpy(network)
     module.to(how.device)
-    order, sign = (torch.from_numpy(part).to(how.device) for part in mirror(n_joints))
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
-    steps = how.epochs * (len(x) // size)
+    steps = len(x) // size  # in a pass
     optimizer = torch.optim.AdamW(module.parameters(), learning_rate, weight_decay=how.weight_decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, learning_rate, total_steps=max(20, steps + 1), pct_start=0.1
+        optimizer, learning_rate, total_steps=max(20, how.epochs * steps + 1), pct_start=0.1
     )
-    error = torch.zeros(0)
-    for epoch in range(how.epochs):
-        batches = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size).to(how.device)
-        error = torch.zeros(len(batches), device=how.device)
-        for k, rows in enumerate(batches):
-            given = x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
-            estimate = module(given)[:, 0]
-            loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            error[k] = (estimate.detach() - y[rows]).abs().mean()
-    return to_numpy(linear_layers(module)), float(error.mean())
+    last_pass: deque[torch.Tensor] = deque(maxlen=steps)
+    for rows, given in batches(x, size, how.epochs, n_joints):
+        estimate = module(given)[:, 0]
+        loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+        last_pass.append((estimate.detach() - y[rows]).abs().mean())
+    return to_numpy(linear_layers(module)), float(torch.stack(tuple(last_pass)).mean())

@@ -64,6 +64,7 @@ class NetworkValue:
         return result
 
 
+@functools.lru_cache(maxsize=4)
 def network_value(network: Network, params: SnakeParams) -> NetworkValue:
     """The value function of a network that is in no file."""
     return NetworkValue(Model("value", params.n_joints, network), params)
@@ -89,6 +90,7 @@ def guide(params: SnakeParams) -> Model | None:
     return pretrained("lookahead", *robots) or pretrained("value", *robots)
 
 
+@functools.lru_cache(maxsize=16)
 def load_value(params: SnakeParams) -> ValueFunction:
     """What :func:`guide` says, or :class:`PhaseValue` where there is none."""
     model = guide(params)
