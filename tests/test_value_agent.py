@@ -51,9 +51,8 @@ def test_play__counts_the_intervals_of_greedy_play() -> None:
     returns = play(SHARD)
     known = [(state, _of(returns, state)) for state in _starts()]
     strict = [(state, intervals) for state, intervals in known if intervals is not None]
-    assert (
-        len(strict) == returns.strict >= 3
-    )  # who explores is somewhere else when it begins to count
+    # who explores is somewhere else when it begins to count
+    assert len(strict) == returns.strict >= 3
     needed = [_needed(state) for state, _ in strict]
     assert needed == [intervals for _, intervals in strict]
     solved = [intervals for intervals in needed if intervals < FAILURE]
