@@ -66,6 +66,16 @@ class Expansion:
     cost: FloatArray
     rollouts: int
 
+    def take(self, indices: IntArray) -> Expansion:
+        """Some of what can happen."""
+        return Expansion(
+            self.parent[indices],
+            self.mode[indices],
+            self.states.take(indices),
+            self.cost[indices],
+            self.rollouts,
+        )
+
 
 def expand(states: StateBatch, params: SnakeParams) -> Expansion:
     """Predicts every valid mode of every state; keeps the feasible ones that let no links touch."""
@@ -74,10 +84,9 @@ def expand(states: StateBatch, params: SnakeParams) -> Expansion:
     begun = states.take(parent)
     prediction = predict_batch(begun, mode, params)
     ended = successors(begun, mode, prediction, params)
-    kept = np.flatnonzero(prediction.feasible & (prediction.d_min >= params.d_touch))
-    return Expansion(
-        parent[kept], mode[kept], ended.take(kept), prediction.cost[kept], rollouts=len(mode)
-    )
+    tree = Expansion(parent, mode, ended, prediction.cost, rollouts=len(mode))
+    kept = prediction.feasible & (prediction.d_min >= params.d_touch)
+    return tree if kept.all() else tree.take(np.flatnonzero(kept))
 
 
 @dataclass
