@@ -101,6 +101,22 @@ def test_mode__may_be_repeated_in_any_order() -> None:
     assert second == _bits(predict(state, [7], PAPER))[0] != first
 
 
+@pytest.mark.parametrize("field", ["w", "phi", "target"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_predict__names_the_shape_that_is_not_finite(field: str, value: float) -> None:
+    wrong = np.array(getattr(straight_state(), field))
+    wrong[-1] = value
+    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*{value}.*finite"):
+        predict(straight_state().replace(**{field: wrong}), [0], PAPER)
+
+
+@pytest.mark.parametrize("field", ["phase_time", "ref_start", "elapsed", "last_turn"])
+@pytest.mark.parametrize("value", [math.nan, -math.inf])
+def test_predict__names_the_number_that_is_not_finite(field: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*{value}.*finite"):
+        predict(straight_state().replace(**{field: value}), [0], PAPER)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 50])
 @pytest.mark.usefixtures("threads")
 def test_lane__does_not_depend_on_threads(mixed, count: int) -> None:  # type: ignore[no-untyped-def]
