@@ -27,6 +27,7 @@ from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
+from snake_env.sb3.symmetric import Symmetric
 
 REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
 """What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""
@@ -121,7 +122,7 @@ def fit(
     *,
     last: bool,
 ) -> tuple[Network, dict[str, float]]:
-    """Fits a network to lessons, each state and its mirror image in turn.
+    """Fits a network to lessons, so that the mean of what it says of state and mirror image is right.
 
     Args:
         network: Where to begin; None: anew.
@@ -141,7 +142,7 @@ def fit(
         if network is None
         else from_numpy(scaled(network, PREFERENCE))
     )
-    module.to(how.device)
+    symmetric = Symmetric(module).to(how.device)
     x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
     cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
@@ -151,9 +152,9 @@ def fit(
         optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * steps
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
-    for rows, given in batches(x, size, epochs, n_joints):
+    for rows in batches(len(x), size, epochs, how.device):
         costs = cost[rows].float()
-        values = module(given).masked_fill(costs < 0.0, -1e9)
+        values = symmetric(x[rows]).masked_fill(costs < 0.0, -1e9)
         regret = _regret(costs, how)
         loss = _loss(values, costs, regret, how)
         optimizer.zero_grad()

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,9 +26,8 @@ from evaluate.command import exit_code
 from evaluate.engine import Engine
 from evaluate.options import parse
 from evaluate.progress import progress
-from snake_env.network import Network
-from snake_env.observation import observation_size
-from snake_env.params import N_JOINTS_RANGE
+from snake_env.network import Float32Array
+from snake_env.symmetry import SymmetricNetwork, joints_observed
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,15 @@ def run_trial(trial: Trial) -> tuple[Trial, tuple[float, float]]:
     """Learns, and asks: what :func:`held_out` says."""
     torch.set_num_threads(1)
     learned, other = split(trial.options.lessons, trial.options.decisions)
-    joints = range(N_JOINTS_RANGE[0], N_JOINTS_RANGE[1] + 1)
-    n_joints = next(n for n in joints if observation_size(n) == learned.observations.shape[1])
+    n_joints = joints_observed(learned.observations.shape[1])
     how = dataclasses.replace(Fit(), **trial.change)
     network, _ = fit(None, [learned], how, n_joints, trial.seed, last=True)
-    return trial, held_out(network, other)
+    return trial, held_out(SymmetricNetwork(network, n_joints), other)
 
 
-def held_out(network: Network, lessons: Lessons) -> tuple[float, float]:
+def held_out(
+    network: Callable[[Float32Array], Float32Array], lessons: Lessons
+) -> tuple[float, float]:
     """Share of infeasible preferences [%], and mean regret of the others [intervals]."""
     cost = lessons.cost.astype(np.float64)
     preferred = np.where(cost >= 0.0, network(lessons.observations), -np.inf).argmax(axis=1)

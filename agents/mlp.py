@@ -11,7 +11,6 @@ from torch import nn
 
 from snake_env.errors import InvalidInputError
 from snake_env.network import Network
-from snake_env.symmetry import mirror
 
 PREFERENCE = 0.03
 """What a preference of one is worth in reward: preferences times this are action values.
@@ -84,25 +83,14 @@ def from_numpy(network: Network) -> nn.Sequential:
     return module
 
 
-def batches(
-    x: torch.Tensor, size: int, epochs: int, n_joints: int
-) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-    """Shuffled batches of observations, each state and its mirror image in turn.
+def batches(count: int, size: int, epochs: int, device: str) -> Iterator[torch.Tensor]:
+    """Positions of shuffled batches, on a device: ``epochs`` passes over ``count`` rows.
 
-    Args:
-        x: Observations, shape (N, observation_size), on the device where they are wanted.
-        size: Observations in a batch; what is left over waits for the next pass.
-        epochs: Passes.
-        n_joints: Joints of the robot.
-
-    Yields:
-        Their positions, shape (size,), and what is seen of them, shape (size, observation_size).
+    What is left over of a pass waits for the next one.
     """
-    order, sign = (torch.from_numpy(part).to(x.device) for part in mirror(n_joints))
-    for epoch in range(epochs):
-        shuffled = torch.randperm(len(x))[: len(x) // size * size].reshape(-1, size).to(x.device)
-        for k, rows in enumerate(shuffled):
-            yield rows, x[rows] if (k + epoch) % 2 == 0 else x[rows][:, order] * sign
+    for _ in range(epochs):
+        shuffled = torch.randperm(count)[: count // size * size]
+        yield from shuffled.reshape(-1, size).to(device)
 
 
 def falling(learning_rate: float) -> Callable[[float], float]:

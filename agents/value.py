@@ -25,6 +25,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
+from snake_env.sb3.symmetric import Symmetric
 from snake_env.search import best_of_each, expand
 from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.tasks import random_tasks
@@ -219,7 +220,7 @@ def fit(
     n_joints: int,
     seed: int,
 ) -> tuple[Network, float]:
-    """Fits a network to returns, each state and its mirror image in turn.
+    """Fits a network to returns, so that the mean of what it says of state and mirror image is right.
 
     Args:
         network: Where to begin; None: anew.
@@ -239,7 +240,7 @@ def fit(
         torch.nn.init.constant_(module[-1].bias, float(np.median(intervals)))
     else:
         module = from_numpy(network)
-    module.to(how.device)
+    symmetric = Symmetric(module).to(how.device)
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = len(x) // size  # in a pass
@@ -248,8 +249,8 @@ def fit(
         optimizer, learning_rate, total_steps=max(20, how.epochs * steps + 1), pct_start=0.1
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
-    for rows, given in batches(x, size, how.epochs, n_joints):
-        estimate = module(given)[:, 0]
+    for rows in batches(len(x), size, how.epochs, how.device):
+        estimate = symmetric(x[rows])[:, 0]
         loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
         optimizer.zero_grad()
         loss.backward()

@@ -1,6 +1,6 @@
 """Learned policies: one evaluation of a network for a decision, and no model roll-out.
 
-The network sees the state and its mirror image, side by side, and their preferences count alike.
+The network sees the state and its mirror image, side by side; what it prefers is the mean.
 """
 
 from __future__ import annotations

@@ -11,9 +11,11 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from snake_env.errors import InvalidInputError
 from snake_env.features import SUPPORT_DIRECTIONS
 from snake_env.network import Float32Array, Network
-from snake_env.observation import observation_rows
+from snake_env.observation import observation_rows, observation_size
+from snake_env.params import N_JOINTS_RANGE
 
 _NEGATED = {"phi", "target", "error", "scp_error", "ref_start", "last_turn"}
 _POINTS = {"link_direction", "link_centre", "centre_of_gravity"}
@@ -44,8 +46,21 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     return np.array(order), np.array(sign, dtype=np.float32)
 
 
+def joints_observed(size: int) -> int:
+    """How many joints a robot has whose observation has so many values.
+
+    Raises:
+        InvalidInputError: No robot's has.
+    """
+    low, high = N_JOINTS_RANGE
+    sizes = {observation_size(n): n for n in range(low, high + 1)}
+    if size not in sizes:
+        raise InvalidInputError("observation_size", size, f"one of {list(sizes)}")
+    return sizes[size]
+
+
 class SymmetricNetwork:
-    """A network that is asked about states and about their mirror images; the answers are added up.
+    """A network that is asked about states and about their mirror images: the mean of its answers.
 
     Its first layer is there twice, the second time for observations that are not mirrored yet.
 
@@ -73,4 +88,5 @@ class SymmetricNetwork:
             x = x @ weight
             x += bias
         result: Float32Array = x[0::2] + x[1::2]
+        result *= 0.5
         return result

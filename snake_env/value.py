@@ -58,7 +58,7 @@ class NetworkValue:
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
-        estimates = 0.5 * self._twice(observe(states, self._params))[:, 0].astype(np.float64)
+        estimates = self._twice(observe(states, self._params))[:, 0].astype(np.float64)
         reached = states.phase > self._params.n_joints
         result: FloatArray = np.where(reached, 0.0, estimates)
         return result

@@ -16,6 +16,7 @@ from snake_env.model_file import read_model
 from snake_env.network import Network
 from snake_env.observation import observe
 from snake_env.state import StateBatch
+from snake_env.symmetry import SymmetricNetwork
 from snake_env.tasks import load_tasks
 from train.__main__ import main
 
@@ -78,7 +79,7 @@ def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
     lesson = lessons(decisions, PARAMS)
     how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
     network, _ = fit(None, [lesson], how, 8, seed=0, last=False)
-    estimates = PREFERENCE * network(lesson.observations)
+    estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)
     good = lesson.cost.min(axis=1, where=lesson.cost >= 0.0, initial=np.inf)[:, None] + 1.0
     near = (lesson.cost >= 0.0) & (lesson.cost <= good)
     wanted = 1.0 - 0.1 * lesson.cost[near].astype(np.float64)

@@ -9,9 +9,13 @@ import torch
 from numpy.typing import NDArray
 
 from agents import dqn, ppo
-from agents.mlp import PREFERENCE
+from agents.mlp import PREFERENCE, build, linear_layers, to_numpy
+from snake_env.errors import InvalidInputError
 from snake_env.network import Network
+from snake_env.observation import observation_size
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
+from snake_env.sb3.symmetric import Symmetric
+from snake_env.symmetry import SymmetricNetwork, joints_observed
 
 PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
 DQN_SETTINGS = dqn.Settings(
@@ -86,7 +90,8 @@ def test_ppo__policy_is_the_softmax_over_open_modes(
     observation = env.reset()
     with torch.no_grad():
         got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
-    logits = ppo.network(learner)(observation["observation"]).astype(np.float64)
+    asked = SymmetricNetwork(ppo.network(learner), 8)
+    logits = asked(observation["observation"]).astype(np.float64)
     wanted = np.exp(logits) * observation["action_mask"]
     wanted /= wanted.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(got, wanted, atol=1e-6)
@@ -116,13 +121,14 @@ def test_dqn__target_is_the_value_of_the_open_mode_that_the_online_network_prefe
     env: _Checked, q_learner: MaskedDQN
 ) -> None:
     observation = env.reset()
-    inputs = torch.as_tensor(observation["observation"])
     with torch.no_grad():
         q_learner.q_net_target.q_net[-1].weight.normal_()  # not the online network's
         q_learner.q_net_target.q_net[-1].bias[:] = -50.0  # all values are far below 0
         target = q_learner.q_net_target(_tensors(observation)).numpy().max(axis=1)
-        values = q_learner.q_net_target.q_net(inputs).numpy()
-        online = q_learner.q_net.q_net(inputs).numpy()
+    values, online = (
+        SymmetricNetwork(to_numpy(linear_layers(q_net.q_net)), 8)(observation["observation"])
+        for q_net in (q_learner.q_net_target, q_learner.q_net)
+    )
     chosen = np.where(observation["action_mask"] > 0, online, -np.inf).argmax(axis=1)
     np.testing.assert_allclose(target, values[np.arange(len(chosen)), chosen], rtol=1e-6)
     best = np.where(observation["action_mask"] > 0, values, -np.inf).max(axis=1)
@@ -166,7 +172,8 @@ def test_initialise__gives_the_policy_the_weights(
             np.testing.assert_allclose(
                 q_net.q_net(inputs).detach().numpy(), PREFERENCE * got, rtol=1e-5, atol=1e-5
             )
-    preferences = np.where(observation["action_mask"] > 0, got, -np.inf)
+    asked = SymmetricNetwork(given, 8)(observation["observation"])
+    preferences = np.where(observation["action_mask"] > 0, asked, -np.inf)
     chosen, _ = model.predict(observation, deterministic=True)
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
 
@@ -193,3 +200,20 @@ def test_average__is_the_running_mean_of_the_actors_weights(env: _Checked, share
     shipped = ppo.network(learner).weights[-1]
     np.testing.assert_allclose(shipped, expected, rtol=1e-6, atol=1e-7)
     assert np.array_equal(shipped, newest) == (share == 1.0)
+
+
+@pytest.mark.parametrize("n_joints", [5, 8, 10])
+def test_symmetric__is_what_the_policy_is_asked_in_numpy(n_joints: int) -> None:
+    size = observation_size(n_joints)
+    module = build([size, 16, 8, 5])
+    seen = np.random.default_rng(3).uniform(-1.0, 1.0, (7, size)).astype(np.float32)
+    with torch.no_grad():
+        got = Symmetric(module)(torch.from_numpy(seen)).numpy()
+    wanted = SymmetricNetwork(to_numpy(linear_layers(module)), n_joints)(seen)
+    np.testing.assert_allclose(got, wanted, rtol=1e-5, atol=1e-6)
+    assert joints_observed(size) == n_joints
+
+
+def test_joints_observed__refuses_what_no_robot_sees() -> None:
+    with pytest.raises(InvalidInputError, match=r"^observation_size = 98: expected one of"):
+        joints_observed(98)

@@ -257,7 +257,9 @@ def test_mirror__is_the_observation_of_the_mirrored_robot(params: SnakeParams) -
 
 @pytest.mark.parametrize("hidden", [[], [11], [11, 7]])
 @pytest.mark.parametrize("n_joints", [5, 8])
-def test_symmetric_network__adds_up_what_both_images_get(n_joints: int, hidden: list[int]) -> None:
+def test_symmetric_network__is_the_mean_of_what_both_images_get(
+    n_joints: int, hidden: list[int]
+) -> None:
     sizes = [observation_size(n_joints), *hidden, 4]
     rng = np.random.default_rng(len(hidden))
     network = Network(
@@ -267,7 +269,8 @@ def test_symmetric_network__adds_up_what_both_images_get(n_joints: int, hidden: 
     order, sign = mirror(n_joints)
     x = rng.uniform(-1.0, 1.0, (6, sizes[0])).astype(np.float32)
     symmetric = SymmetricNetwork(network, n_joints)
-    np.testing.assert_allclose(symmetric(x), network(x) + network(x[:, order] * sign), atol=1e-5)
+    mean = 0.5 * (network(x) + network(x[:, order] * sign))
+    np.testing.assert_allclose(symmetric(x), mean, atol=1e-5)
     np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
 
 

@@ -1,7 +1,9 @@
 """PPO and DQN of plain Stable-Baselines3 that never choose what the mask forbids.
 
 They take the dict observations of ``SnakeVecEnv(mask_in_observation=True)``: the network sees
-``observation``, and ``action_mask`` closes modes.
+``observation``, and ``action_mask`` closes modes. It is asked about each state and its mirror image, in
+training as in the policy that is exported, and its answer is the mean of both: what is learned of a
+state holds for its image.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
+
+from snake_env.sb3.symmetric import Mirror, mean_of_both
 
 CLOSED = -1e8
 """Logit, or action value, of a mode that the mask forbids."""
@@ -46,21 +50,26 @@ class _WithMask(BaseFeaturesExtractor):
 
 
 class _MaskedMlp(MlpExtractor):
-    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents."""
+    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents.
+
+    Latents are means over state and image: so are the linear layers' outputs that follow.
+    """
 
     def __init__(self, n_modes: int, feature_dim: int, *args: Any, **kwargs: Any) -> None:
         super().__init__(feature_dim - n_modes, *args, **kwargs)
         self._n_modes = n_modes
+        self._mirror = Mirror(feature_dim - n_modes)
 
     def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         return self.forward_actor(features), self.forward_critic(features)
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         seen, mask = features[:, : -self._n_modes], features[:, -self._n_modes :]
-        return torch.cat([super().forward_actor(seen), mask], dim=1)
+        return torch.cat([mean_of_both(super().forward_actor(self._mirror(seen))), mask], dim=1)
 
     def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
-        return super().forward_critic(features[:, : -self._n_modes])
+        seen = features[:, : -self._n_modes]
+        return mean_of_both(super().forward_critic(self._mirror(seen)))
 
 
 class MaskedActorCriticPolicy(ActorCriticPolicy):
@@ -103,10 +112,15 @@ class MaskedQNetwork(QNetwork):
 
     chooser: tuple[MaskedQNetwork, ...] = ()  # in a tuple: its weights are not this network's
 
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._mirror = Mirror(self.features_dim)
+
     def forward(self, obs: PyTorchObs) -> torch.Tensor:
         """Action values, shape (N, n_modes)."""
         assert isinstance(obs, dict)
-        values: torch.Tensor = super().forward(obs)
+        both = self._mirror(self.extract_features(obs, self.features_extractor))
+        values = mean_of_both(self.q_net(both))
         values = values.masked_fill(obs["action_mask"] < 1, CLOSED)
         for network in self.chooser:
             chosen = network(obs).argmax(dim=1, keepdim=True)
