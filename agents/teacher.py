@@ -17,7 +17,7 @@ from snake_env.network import Network
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.search import best_of_each, expand
-from snake_env.simulation import advance_batch, predict_batch
+from snake_env.simulation import advance_batch, least_distances, predict_batch
 from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.symmetry import SymmetricNetwork
 from snake_env.tasks import random_tasks
@@ -26,6 +26,8 @@ from snake_env.value import ValueFunction, load_value, network_value
 Teacher = Literal["lookahead", "analytic"]
 FAILURE = 30.0
 """What a mode costs from whose end the target is not reached, beside the mode itself [intervals]."""
+NEAR_LIMIT = 0.05
+"""How close to its limit a joint begins in some episodes, at most [rad]."""
 FEW = 3
 """A state with at most so many feasible modes is near a deadlock."""
 STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
@@ -142,6 +144,7 @@ class Visit:
         overweight: How many times as often as others those states are kept in which the student's
             choice is infeasible or, without a student, those near a deadlock.
         mirrored: Whether the mirror image of each decision is added.
+        near_limits: Share of the episodes in which a joint begins close to its limit.
         params: The constants.
     """
 
@@ -154,6 +157,7 @@ class Visit:
     student: Network | None
     overweight: float
     mirrored: bool
+    near_limits: float
     params: SnakeParams
 
 
@@ -188,6 +192,8 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     """
     params = shard.params
     phi0, target = random_tasks(rng.spawn(count), params)
+    if shard.near_limits > 0.0:
+        phi0 = _near_limits(phi0, shard.near_limits, params, rng)
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
@@ -205,6 +211,21 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
         states, scale = states.take(open_), scale[going][open_]
         if len(states) == 0:
             return
+
+
+def _near_limits(
+    phi0: FloatArray, share: float, params: SnakeParams, rng: np.random.Generator
+) -> FloatArray:
+    """Initial shapes of which a share has a joint close to its limit, where links allow that."""
+    count, n = phi0.shape
+    chosen = np.flatnonzero(rng.random(count) < share)
+    joints = rng.integers(n, size=len(chosen))
+    margins = rng.uniform(0.0, NEAR_LIMIT, len(chosen))
+    moved = phi0.copy()
+    moved[chosen, joints] = np.copysign(params.phi_limit - margins, phi0[chosen, joints])
+    apart = least_distances(moved, params) >= params.d_collision
+    result: FloatArray = np.where(apart[:, None], moved, phi0)
+    return result
 
 
 def _of_teacher(

@@ -9,6 +9,7 @@ import pytest
 from agents.teacher import (
     FAILURE,
     FEW,
+    NEAR_LIMIT,
     STATE_FIELDS,
     Decisions,
     Visit,
@@ -23,7 +24,7 @@ from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
-from snake_env.simulation import advance, predict
+from snake_env.simulation import advance, least_distances, predict
 from snake_env.state import SnakeState, StateBatch
 from snake_env.symmetry import SymmetricNetwork, mirror
 from snake_env.value import load_value, network_value
@@ -44,7 +45,8 @@ def _student(n_joints: int, highest: bool) -> Network:
 def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
     options = {
         "seed": 0, "part": 0, "decisions": 150, "teacher": "lookahead", "depth": 0, "value": None,
-        "student": None, "overweight": 1.0, "mirrored": False, "params": params,
+        "student": None, "overweight": 1.0, "mirrored": False, "near_limits": 0.0,
+        "params": params,
     }  # fmt: skip
     return Visit(**(options | changes))  # type: ignore[arg-type]
 
@@ -391,6 +393,25 @@ def test_overweight__keeps_more_states_near_a_deadlock() -> None:
     assert 0.01 < plain < 0.3
     odds = plain / (1.0 - plain), often / (1.0 - often)
     assert 2.5 < odds[1] / odds[0] < 6.0
+
+
+@pytest.mark.parametrize("params", [FIVE, PAPER], ids=["5", "8"])
+def test_near_limits__is_the_share_of_episodes_in_which_a_joint_begins_there(
+    params: SnakeParams,
+) -> None:
+    def share_near(near_limits: float) -> float:
+        states = _collected(params, decisions=3000, near_limits=near_limits).states
+        first = states.phi[states.elapsed == 0.0]
+        assert len(first) > 100
+        assert np.abs(first).max() <= params.phi_limit
+        assert least_distances(first, params).min() >= params.d_collision
+        return float((np.abs(first).max(axis=1) >= params.phi_limit - NEAR_LIMIT).mean())
+
+    none, all_of_them = share_near(0.0), share_near(1.0)
+    chance = 1.0 - (1.0 - NEAR_LIMIT / params.phi_limit) ** params.n_joints
+    assert none == pytest.approx(chance, abs=0.12)  # 0.15 and 0.23
+    assert all_of_them > 0.7  # the others' links would be too close together
+    assert none < share_near(0.5) < all_of_them
 
 
 def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:

@@ -154,6 +154,7 @@ BAD = {
     "collect --depth -1": r"^depth = -1: expected at least 0$",
     "collect --seed -1": r"^seed = -1: expected at least 0$",
     "collect --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
+    "imitate --near-limits 1.5": r"^near_limits = 1\.5: expected a number from 0 to 1$",
     "collect --overweight nan": r"^overweight = nan: expected at least 1$",
     "collect --teacher analitic": r"analitic",
     "collect --workers -2": r"^workers = -2: expected a positive number, or -1",

@@ -97,6 +97,7 @@ def train(options: Options, console: Console) -> None:
             student=None if student is None else student.network,
             overweight=options.overweight,
             mirrored=options.mirror,
+            near_limits=0.0,
             params=params,
         )
         for part in parts

@@ -12,7 +12,7 @@ import torch
 import tyro
 from rich.console import Console
 
-from agents.checks import check_positive
+from agents.checks import check_positive, check_share
 from agents.imitate import Fit, Lessons, fit, lessons, lessons_of, read_lessons
 from agents.teacher import Visit, collect
 from evaluate.engine import Engine
@@ -27,6 +27,7 @@ from train.run import Robot, Run, RunFolder, command, value_digest
 from train.validation import Validation, quality
 
 _PART = 2048  # decisions that a worker collects at a time
+_ROUNDS = ("rounds", "decisions", "depth", "overweight", "near_limits")  # how they are collected
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,9 @@ class Options:
     overweight: float = 4.0
     """Keep states in which the student's choice is infeasible so many times as often as others; the
     first round, in which the teacher plays, keeps all."""
+    near_limits: float = 0.0
+    """Share of the episodes in which a joint begins within 0.05 rad of its limit: rare in random tasks,
+    and most of what a student does wrong in phase 1."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -72,6 +76,7 @@ class Options:
             raise InvalidInputError("rounds", self.rounds, "a positive number, or 0 with --lessons")
         if self.depth < 0:
             raise InvalidInputError("depth", self.depth, "zero or a positive number")
+        check_share(self, "near_limits")
         if not self.overweight >= 1.0:
             raise InvalidInputError("overweight", self.overweight, "at least 1")
         self.fit.check()
@@ -99,7 +104,7 @@ def train(options: Options, console: Console) -> Path:
     given = [lesson for run in taught for lesson in _given(run, params)]
     config = {
         **dataclasses.asdict(options.fit),
-        **{key: getattr(options, key) for key in ("rounds", "decisions", "depth", "overweight")},
+        **{key: getattr(options, key) for key in _ROUNDS},
         **dataclasses.asdict(options.validation),
         "value": value_digest(params) if trusted is None else trusted.sha256,
         "init": None if init is None else str(init),
@@ -178,6 +183,7 @@ def _visits(
             student=student,
             overweight=1.0 if student is None else options.overweight,
             mirrored=False,
+            near_limits=options.near_limits,
             params=params,
         )
         for part in range(count)
