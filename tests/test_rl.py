@@ -22,6 +22,7 @@ from snake_env.model_file import Model, read_model, write_model
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.sb3 import SnakeVecEnv
+from snake_env.symmetry import SymmetricNetwork
 from tests.test_network_policy import model_of
 from train.__main__ import main
 from train.run import Robot
@@ -195,7 +196,7 @@ def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) ->
     observations = env.reset()
     with torch.no_grad():
         critic = model.policy.predict_values(model.policy.obs_to_tensor(observations)[0])
-    intervals = value(observations["observation"])
+    intervals = SymmetricNetwork(value, 8)(observations["observation"])
     np.testing.assert_allclose(critic.numpy(), 2.0 - 0.1 * intervals, rtol=1e-5, atol=1e-6)
 
 
