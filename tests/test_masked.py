@@ -1,6 +1,7 @@
 """Masked PPO and DQN: nothing closed is ever chosen, nor does it count."""
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 
 from agents import dqn, ppo
 from agents.mlp import PREFERENCE, build, linear_layers, to_numpy
+from snake_env import load_policy
 from snake_env.errors import InvalidInputError
+from snake_env.model_file import Model, write_model
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
@@ -200,6 +203,32 @@ def test_average__is_the_running_mean_of_the_actors_weights(env: _Checked, share
     shipped = ppo.network(learner).weights[-1]
     np.testing.assert_allclose(shipped, expected, rtol=1e-6, atol=1e-7)
     assert np.array_equal(shipped, newest) == (share == 1.0)
+
+
+@pytest.mark.parametrize("algorithm", [ppo, dqn], ids=["ppo", "dqn"])
+def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
+    algorithm: Any,
+    env: _Checked,
+    learner: ppo.AveragedPPO,
+    q_learner: MaskedDQN,
+    tmp_path: Path,
+) -> None:
+    model = learner if algorithm is ppo else q_learner
+    rng = np.random.default_rng(4)
+    shapes = [(99, 16), (16, 8), (8, 99)]
+    given = Network(
+        [rng.normal(0.0, 0.3, shape).astype(np.float32) for shape in shapes],
+        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
+    )
+    algorithm.initialise(model, given, algorithm.Settings())
+    file = tmp_path / "policy.safetensors"
+    write_model(file, Model("policy", 8, algorithm.network(model), {}))
+    observation = env.reset()
+    for _ in range(20):
+        chosen, _ = model.predict(observation, deterministic=True)
+        for k, mode in enumerate(chosen):
+            assert load_policy(file).select_mode(env.envs.core.states[k]) == mode
+        observation, _, _, _ = env.step(chosen)
 
 
 @pytest.mark.parametrize("n_joints", [5, 8, 10])
