@@ -85,8 +85,18 @@ class SymmetricNetwork:
         x = x.reshape(2 * len(observations), x.shape[1] // 2)  # each state, then its image
         for weight, bias in self._rest:
             np.maximum(x, 0.0, out=x)
-            x = x @ weight
+            x = _product(x, weight)
             x += bias
         result: Float32Array = x[0::2] + x[1::2]
         result *= 0.5
         return result
+
+
+def _product(x: Float32Array, weight: Float32Array) -> Float32Array:
+    """``x @ weight``; two rows one by one, as BLAS packs the weights first where it gets a matrix."""
+    if len(x) != 2:
+        return x @ weight
+    result = np.empty((2, weight.shape[1]), dtype=np.float32)
+    np.dot(x[0], weight, out=result[0])
+    np.dot(x[1], weight, out=result[1])
+    return result

@@ -274,6 +274,7 @@ def test_symmetric_network__is_the_mean_of_what_both_images_get(
     mean = 0.5 * (network(x) + network(x[:, order] * sign))
     np.testing.assert_allclose(symmetric(x), mean, atol=1e-5)
     np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(symmetric(x[:1]), mean[:1], atol=1e-5)
 
 
 @pytest.mark.parametrize("n_joints", [5, 8, 9, 16])

@@ -634,7 +634,7 @@ def test_value__is_distilled_into_a_smaller_network(tmp_path: Path) -> None:
     states = StateBatch.initial(suite.phi0, suite.target, FIVE)
     off = np.abs(small(states) - large(states)).mean()
     spread = np.abs(large(states) - np.median(large(states))).mean()
-    assert off < 0.5 * spread
+    assert off < 0.75 * spread  # a constant would be off by the spread
 
 
 class _Kill(BaseException):
