@@ -57,6 +57,16 @@ def _tensors(observation: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
     return {key: torch.as_tensor(value) for key, value in observation.items()}
 
 
+def _network(seed: int) -> Network:
+    """Random preferences, of the size of the actors and the Q-networks here."""
+    rng = np.random.default_rng(seed)
+    shapes = [(99, 16), (16, 8), (8, 99)]
+    return Network(
+        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
+        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
+    )
+
+
 def test_ppo__never_chooses_a_closed_mode_while_it_learns(
     env: _Checked, learner: ppo.AveragedPPO
 ) -> None:
@@ -159,12 +169,7 @@ def test_initialise__gives_the_policy_the_weights(
     algorithm: Any, env: _Checked, learner: ppo.AveragedPPO, q_learner: MaskedDQN
 ) -> None:
     model = learner if algorithm is ppo else q_learner
-    rng = np.random.default_rng(0)
-    shapes = [(99, 16), (16, 8), (8, 99)]
-    given = Network(
-        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
-        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
-    )
+    given = _network(seed=0)
     algorithm.initialise(model, given, algorithm.Settings())
     observation = env.reset()
     got = algorithm.network(model)(observation["observation"])
@@ -214,12 +219,7 @@ def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
     tmp_path: Path,
 ) -> None:
     model = learner if algorithm is ppo else q_learner
-    rng = np.random.default_rng(4)
-    shapes = [(99, 16), (16, 8), (8, 99)]
-    given = Network(
-        [rng.normal(0.0, 0.3, shape).astype(np.float32) for shape in shapes],
-        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
-    )
+    given = _network(seed=4)
     algorithm.initialise(model, given, algorithm.Settings())
     file = tmp_path / "policy.safetensors"
     write_model(file, Model("policy", 8, algorithm.network(model), {}))

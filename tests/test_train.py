@@ -624,8 +624,9 @@ def test_value__is_distilled_into_a_smaller_network(tmp_path: Path) -> None:
     )
     given = tmp_path / "given.safetensors"
     write_model(given, Model("value", 5, teacher))
-    words = ("--distil", "--init", given, "--epochs", 800, "--hidden", 12)
-    _good(*VALUE, tmp_path / "small", *words, "--generations", 1, "--episodes", 80)
+    words = ("--distil", "--init", given, "--epochs", 100, "--hidden", 12)
+    more = ("--generations", 1, "--episodes", 320, "--learning-rate", 0.01)
+    _good(*VALUE, tmp_path / "small", *words, *more)
     small, large = (
         NetworkValue(read_model(path), FIVE)
         for path in (tmp_path / "small" / "value.safetensors", given)
@@ -634,7 +635,7 @@ def test_value__is_distilled_into_a_smaller_network(tmp_path: Path) -> None:
     states = StateBatch.initial(suite.phi0, suite.target, FIVE)
     off = np.abs(small(states) - large(states)).mean()
     spread = np.abs(large(states) - np.median(large(states))).mean()
-    assert off < 0.75 * spread  # a constant would be off by the spread
+    assert off < 0.5 * spread
 
 
 class _Kill(BaseException):
