@@ -135,17 +135,17 @@ class Kernel(BlockProgram):
     def __init__(self, n_joints: int, head_contact: bool, lanes: int = LANES) -> None:
         self.rows = layout(n_joints)
         loop, last = Trace(), Trace()
-        lane = self._traced(loop)
+        lane = self.traced(loop)
         sub_step(lane, loop.clock(0), loop.clock(1), traced_params(loop, head_contact))
         self._store(loop, lane)
-        lane = self._traced(last)
+        lane = self.traced(last)
         visit(lane, traced_params(last, head_contact))
         self._store(last, lane)
         n_rows = max(rows.stop for rows in self.rows.values())
         running = self.rows["violation"].start
         super().__init__(loop, last, n_rows, running, lanes, f"{n_joints} joints")
 
-    def _traced(self, trace: Trace) -> Lane:
+    def traced(self, trace: Trace) -> Lane:
         """A lane whose values are loads from the lane buffer."""
         values = {
             name: [trace.lane(row) for row in range(rows.start, rows.stop)]

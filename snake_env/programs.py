@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from snake_env.ends import get_ends_program
 from snake_env.kernel import get_kernel
 from snake_env.mask_kernel import MAX_MODES, get_mask_kernel
 from snake_env.modes import mode_table
@@ -14,5 +15,6 @@ def warm_up(params: SnakeParams) -> None:
     sizes = params.n_joints, params.head_contact
     get_kernel(*sizes)
     get_observation_kernel(*sizes)
+    get_ends_program(*sizes)
     if len(mode_table(params.n_joints)) <= MAX_MODES:
         get_mask_kernel(*sizes)

@@ -102,9 +102,18 @@ def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Predict
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
+    return predict_lanes(state, modes, params)[0]
+
+
+def predict_lanes(
+    state: SnakeState, modes: ArrayLike, params: SnakeParams
+) -> tuple[Prediction, FloatArray]:
+    """:func:`predict`, and the kernel's blocks as it left them."""
     chosen = _checked_modes(modes)
     batch = StateBatch.stack([state]).take(np.zeros(len(chosen), dtype=np.intp))
-    return predict_batch(batch, chosen, params)
+    _check_states(batch, chosen, params)
+    blocks = _run_blocks(batch, chosen, params, clock_of(params))
+    return _prediction(batch, _outcome(blocks, len(chosen), params), params), blocks
 
 
 def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -121,9 +130,15 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
     """
     chosen = _checked_modes(modes)
     _check_states(states, chosen, params)
-    outcome = _run(states, chosen, params, clock_of(params))
+    return _prediction(states, _run(states, chosen, params, clock_of(params)), params)
+
+
+def _prediction(
+    states: StateBatch, outcome: dict[str, FloatArray], params: SnakeParams
+) -> Prediction:
+    """What lanes did in an interval that these states began with."""
     scp = states.phase - 1
-    lanes = np.arange(len(chosen))
+    lanes = np.arange(len(states))
     turned = np.abs(outcome["phi"][lanes, scp] - states.phi[lanes, scp])
     code = outcome["violation"][:, 0].astype(np.intp)
     feasible = code == 0
@@ -328,7 +343,7 @@ def check_states(states: StateBatch, params: SnakeParams) -> None:
     if not np.isfinite(np.concatenate(tuple(numbers.values()))).all():  # all at once: it is quicker
         for name, values in numbers.items():
             for wrong in values[~np.isfinite(values)]:
-                raise InvalidInputError(f"state.{name}", wrong, "finite numbers")
+                raise InvalidInputError(f"state.{name}", float(wrong), "finite numbers")
     if len(states) and (states.phase.min() < 1 or states.phase.max() > n + 1):
         raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
     if len(states) and not -1 <= states.last_mode.min() <= states.last_mode.max() < len(
@@ -358,6 +373,13 @@ def _run(
     states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> dict[str, FloatArray]:
     """Runs the kernel over states with a mode each; what each lane ends with, by field."""
+    return _outcome(_run_blocks(states, modes, params, clock), len(modes), params)
+
+
+def _run_blocks(
+    states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
+) -> FloatArray:
+    """Runs the kernel over states with a mode each; its blocks, as it left them."""
     table = mode_table(params.n_joints)
     kernel = get_kernel(params.n_joints, params.head_contact)
     at, count = kernel.rows, len(modes)
@@ -378,6 +400,13 @@ def _run(
     lanes[at["wheels"], :count] = table.wheels[modes].T
     blocks[:] = lanes.reshape(kernel.n_rows, len(blocks), kernel.lanes).transpose(1, 0, 2)
     kernel.run(blocks, constants_of(params), clock)
+    return blocks
+
+
+def _outcome(blocks: FloatArray, count: int, params: SnakeParams) -> dict[str, FloatArray]:
+    """What each lane ends with, by field."""
+    kernel = get_kernel(params.n_joints, params.head_contact)
+    at = kernel.rows
     lanes = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, :count]
     outputs = ("phi", "w", "u", "integral", "duration", "violation", "d2_min", "max_abs_phi")
     return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snake_env.model_file import Model, read_model
 from snake_env.network import Network
@@ -58,10 +59,21 @@ class NetworkValue:
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
-        estimates = self._twice(observe(states, self._params))[:, 0].astype(np.float64)
         reached = states.phase > self._params.n_joints
-        result: FloatArray = np.where(reached, 0.0, estimates)
-        return result
+        return self.of_observed(observe(states, self._params), reached)
+
+    def of_observed(
+        self, observations: NDArray[np.float32], reached: NDArray[np.bool_]
+    ) -> FloatArray:
+        """The same for states that have been observed.
+
+        Args:
+            observations: Shape (N, observation_size).
+            reached: Where the target is reached, shape (N,).
+        """
+        estimates = self._twice(observations)[:, 0].astype(np.float64)
+        estimates[reached] = 0.0
+        return estimates
 
 
 @functools.lru_cache(maxsize=4)

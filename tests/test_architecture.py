@@ -23,7 +23,7 @@ ORDER = [
         "skid",
         "slip",
     ),
-    *("observation", "programs", "network", "symmetry", "model_file", "value", "search"),
+    *("observation", "ends", "programs", "network", "symmetry", "model_file", "value", "search"),
     *("policy", "lookahead", "network_policy", "shield"),
     *("transition", "core", "drawing", "rendering", "env", "wrappers"),
     *("policies", "best_known", "vector_env", "sb3"),

@@ -1,0 +1,137 @@
+"""What an agent would see where modes lead: one state's modes, predicted and observed in one go.
+
+The policy ``value`` predicts as (21) does and asks a network about every end. What it takes more time
+than (21) is for a good part the way from one to the other through states, so it goes without them.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from snake_env.blocks import LANES, BlockProgram, clock_of, constants_of, traced_params
+from snake_env.features import features
+from snake_env.kernel import RUNNING, Kernel, get_kernel
+from snake_env.params import SnakeParams
+from snake_env.scalars import Scalar, absolute, both, negate, select
+from snake_env.simulation import Prediction, predict_lanes
+from snake_env.state import FloatArray, SnakeState
+from snake_env.tracing import Trace
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Where M modes lead from one state.
+
+    Attributes:
+        prediction: What each does.
+        reached: Whether it reaches the target, shape (M,).
+        observations: What an agent would see there, shape (M, observation_size); of no use where the
+            mode is infeasible.
+    """
+
+    prediction: Prediction
+    reached: NDArray[np.bool_]
+    observations: NDArray[np.float32]
+
+
+def ends(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Ends:
+    """Predicts one interval for each mode and observes where it ends.
+
+    Args:
+        state: The robot at t_k.
+        modes: Mode indices, shape (M,), each valid in the state's phase; repeats are allowed.
+        params: The constants.
+
+    Returns:
+        To the bit what :func:`snake_env.observation.observe` gives for the
+        :func:`snake_env.simulation.successors`.
+
+    Raises:
+        InvalidModeError: A mode is out of range or not valid in the phase.
+        InvalidInputError: The state does not fit the constants.
+    """
+    prediction, blocks = predict_lanes(state, modes, params)
+    program = get_ends_program(params.n_joints, params.head_contact)
+    results = program(blocks, state, params)[: len(prediction)]
+    return Ends(prediction, results[:, 0] > params.n_joints, results[:, 1:])
+
+
+class EndsProgram(BlockProgram):
+    """From lanes at the end of an interval, as the kernel leaves them, to observations.
+
+    Args:
+        n_joints: Joints of the robots.
+        head_contact: That of the constants.
+    """
+
+    def __init__(self, n_joints: int, head_contact: bool) -> None:
+        kernel = get_kernel(n_joints, head_contact)
+        self._lane = slice(kernel.n_rows)
+        self._goal = slice(kernel.n_rows, kernel.n_rows + n_joints)
+        self._scp_before = self._goal.stop
+        self._first = self._scp_before + 1
+        trace = Trace()
+        rows = range(self._goal.start, self._goal.stop)
+        goal, scp_before = [trace.lane(row) for row in rows], trace.lane(self._scp_before)
+        results = _observed(kernel, trace, goal, scp_before, traced_params(trace, head_contact))
+        for row, result in enumerate(results, start=self._first):
+            trace.store(row, result)
+        n_rows = self._first + len(results)
+        super().__init__(Trace(), trace, n_rows, 0, LANES, f"the ends of {n_joints} joints")
+
+    def __call__(
+        self, lanes: FloatArray, state: SnakeState, params: SnakeParams
+    ) -> NDArray[np.float32]:
+        """The phase and the observation at each end, shape (M, 1 + observation_size)."""
+        blocks = self.blocks(len(lanes) * self.lanes)
+        blocks[:, self._lane] = lanes
+        blocks[:, self._goal] = state.target[:, None]
+        blocks[:, self._scp_before] = state.phi[state.phase - 1]
+        self.run(blocks, constants_of(params), clock_of(params)[:0])
+        results = np.empty((len(blocks), self.lanes, self.n_rows - self._first), np.float32)
+        results[:] = blocks[:, self._first :].transpose(0, 2, 1)
+        return results.reshape(-1, results.shape[2])
+
+
+def _observed(
+    kernel: Kernel, trace: Trace, goal: Sequence[Scalar], scp_before: Scalar, p: SnakeParams
+) -> list[Scalar]:
+    """The phase and the observation after an interval; the phase is shifted where (18) holds."""
+    lane = kernel.traced(trace)
+    scp = [lane.phase == float(k) for k in range(1, len(goal) + 1)]
+    feasible = lane.violation == RUNNING
+    scp_angle, next_angle = lane.phi[-1], lane.phi[-1]
+    for is_scp, (angle, following) in zip(scp[:-1], itertools.pairwise(lane.phi), strict=True):
+        scp_angle = select(is_scp, angle, scp_angle)
+        next_angle = select(is_scp, following, next_angle)
+    shift = both(feasible, absolute(scp_angle - lane.target) < p.epsilon_p)  # (18)
+    duration = select(feasible, p.delta_t, lane.duration)
+    lifted = [
+        select(both(negate(is_scp), grounded == 0.0), 1.0, 0.0)
+        for is_scp, grounded in zip(scp, lane.grounded, strict=True)
+    ]
+    phase = select(shift, lane.phase + 1.0, lane.phase)
+    seen = features(
+        p,
+        lane.phi,
+        goal,
+        lane.w,
+        phase,
+        select(shift, 0.0, lane.phase_time + duration),
+        select(shift, next_angle, lane.ref_start),
+        scp_angle - scp_before,
+        lifted,
+    )
+    return [phase, *(value for values in seen.values() for value in values)]
+
+
+@functools.cache
+def get_ends_program(n_joints: int, head_contact: bool) -> EndsProgram:
+    """The shared program for these sizes, compiled or loaded from the cache on first use."""
+    return EndsProgram(n_joints, head_contact)
