@@ -18,6 +18,7 @@ import torch
 import train.collect
 import train.value
 from agents.best_known import COLUMNS, Problem, replay, solve
+from agents.harvest import Trial, play
 from agents.teacher_data import read_manifest, read_shard, shards
 from evaluate.engine import Engine
 from snake_env.model_file import Model, read_model, write_model
@@ -38,6 +39,8 @@ TUNED = sorted((ROOT / "agents" / "tuned").glob("*.yaml"))
 QUICK = ("--set", "n_joints=5", "--workers", "1")
 SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
 COLLECT = ("collect", "--decisions", "400", "--seed", "3", *QUICK, "--out")  # 3 shards of 150
+IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
+HARVEST = ("harvest", "--policy", IMITATE, "--tasks", "1500", "--workers", "1", "--out")  # 3 shards
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
 
 
@@ -118,7 +121,7 @@ def test_help__names_every_command(
         assert re.search(rf"^  {name} +{re.escape(what)}$", stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["solve", "collect", "value"])
+@pytest.mark.parametrize("command", ["solve", "collect", "value", "harvest"])
 def test_help__of_a_command_names_its_options(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +163,16 @@ BAD = {
     "collect --workers -2": r"^workers = -2: expected a positive number, or -1",
     "collect --student {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
     "collect --student {tmp}": r"^model = .*: expected",
+    "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
+    "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
+    "harvest --policy {value}": r"^model\.kind = 'value': expected policy$",
+    "harvest --policy {imitate} --set n_joints=5": r"^n_joints = 5: expected 8: the model's$",
+    "harvest --policy {imitate} --tasks 0": r"^tasks = 0: expected a positive number$",
+    "harvest --policy {imitate} --copies -1": r"^copies = -1: expected zero or a positive number$",
+    "harvest --policy {imitate} --spread -1": r"^spread = -1\.0: expected a positive number$",
+    "harvest --policy {imitate} --share 1.5": r"^share = 1\.5: expected a number from 0 to 1$",
+    "harvest --policy {imitate} --seed -1": r"^seed = -1: expected zero or a positive number$",
+    "harvest --policy {imitate} --overwrite --resume": r"^overwrite = True: expected one of",
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
     "value --trace-decay 1.5": r"^trace_decay = 1\.5: expected a number from 0 to 1$",
@@ -184,7 +197,8 @@ BAD = {
 def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = case.replace("{tmp}", str(tmp_path)).split()
+    models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "value")}
+    arguments = [word.format(tmp=tmp_path, **models) for word in case.split()]
     out = () if case.startswith(("slove", "--seed")) else ("--out", tmp_path / "out")
     assert re.search(BAD[case], _refusal(capsys, *arguments[:1], *out, *arguments[1:]))
     assert _tree(tmp_path) == {}
@@ -208,6 +222,64 @@ def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: unknown command 'slove': did you mean 'solve'?")
     assert done.stderr.count("\n") == 1
+
+
+# harvest
+
+
+@pytest.fixture(scope="module")
+def harvested(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An uninterrupted harvest."""
+    folder = tmp_path_factory.mktemp("harvested") / "new" / "tasks"
+    _good(*HARVEST, folder)
+    return folder
+
+
+def test_harvest__is_a_suite_of_lost_tasks_and_others(harvested: Path, tmp_path: Path) -> None:
+    assert _names(harvested) == {"tasks.npz", "harvest.json"}
+    about = json.loads((harvested / "harvest.json").read_text())
+    suite = load_tasks(str(harvested / "tasks.npz"), PAPER)
+    lost = about["lost"]
+    assert 3 <= lost <= 60  # of 1,536
+    assert (
+        about["command"] == f"python -m train harvest --policy {IMITATE} --tasks 1500 --workers 1"
+    )
+    assert 2 * (2.5 * lost) <= len(suite) <= 2 * (3 * lost)
+    model = read_model(IMITATE)
+    parts = [play(Trial(0, part, 512, model.network, PAPER)) for part in range(3)]
+    np.testing.assert_array_equal(suite.phi0[:lost], np.concatenate([p.phi0 for p in parts]))
+    np.testing.assert_array_equal(suite.target[:lost], np.concatenate([p.target for p in parts]))
+    _good(*HARVEST, tmp_path, "--copies", "0", "--share", "0.25")
+    other = load_tasks(str(tmp_path / "tasks.npz"), PAPER)
+    assert len(other) == 4 * lost
+    np.testing.assert_array_equal(other.phi0[:lost], suite.phi0[:lost])
+
+
+@pytest.mark.parametrize("after", [0, 2])
+def test_harvest__that_is_interrupted_resumes_as_if_nothing_had_happened(
+    after: int, harvested: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _interrupt(after, *HARVEST, tmp_path)
+    assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
+    assert "--resume to go on" in _refusal(capsys, *HARVEST, tmp_path)
+    told = _refusal(capsys, *HARVEST, tmp_path, "--seed", "1", "--resume")
+    assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
+    with pytest.MonkeyPatch.context() as patch:
+        engine = _Interrupted(3 - after)  # what is left is all that is done
+        patch.setattr(Engine, "map", engine)
+        _good(*HARVEST, tmp_path, "--resume")
+        assert engine.left == 0
+    assert (tmp_path / "tasks.npz").read_bytes() == (harvested / "tasks.npz").read_bytes()
+    assert _names(tmp_path) == _names(harvested)
+
+
+def test_harvest__keeps_one_unless_told_otherwise(
+    harvested: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = _tree(harvested)
+    told = _refusal(capsys, *HARVEST, harvested)
+    assert re.search(r"^out = .*: expected a folder without a harvest \(or --overwrite", told)
+    assert _tree(harvested) == before
 
 
 # solve

@@ -1,0 +1,114 @@
+"""Tasks that a policy loses: what it has still to learn.
+
+A good policy loses one random task in some hundred, so random tasks hardly teach it more. Those that it
+loses, and what lies around them, do: prioritized level replay (Jiang, Grefenstette and Rocktaeschel,
+ICML 2021), with levels that are collected before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snake_env.episode import STILL
+from snake_env.masks import action_masks
+from snake_env.network import Network
+from snake_env.observation import observe
+from snake_env.params import SnakeParams
+from snake_env.simulation import advance_batch, least_distances
+from snake_env.state import FloatArray, StateBatch
+from snake_env.symmetry import SymmetricNetwork
+from snake_env.tasks import random_tasks
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Random tasks to play: a shard of a harvest.
+
+    Attributes:
+        seed: The harvest's seed.
+        part: The shard's number.
+        count: Number of tasks.
+        network: The policy.
+        params: The constants.
+    """
+
+    seed: int
+    part: int
+    count: int
+    network: Network
+    params: SnakeParams
+
+
+@dataclass(frozen=True, eq=False)
+class Lost:
+    """The tasks of a shard that were lost.
+
+    Attributes:
+        part: The shard's number.
+        phi0: Initial shapes, shape (N, n) [rad].
+        target: Target shapes, shape (N, n) [rad].
+    """
+
+    part: int
+    phi0: FloatArray
+    target: FloatArray
+
+
+def play(shard: Trial) -> Lost:
+    """Plays a shard's tasks; lost are those with a violation, and those where the robot stands still.
+
+    A policy may find a way on from there, but it has lost time.
+    """
+    params = shard.params
+    rng = np.random.default_rng(np.random.SeedSequence(shard.seed, spawn_key=(shard.part, 0)))
+    phi0, target = random_tasks(rng.spawn(shard.count), params)
+    network = SymmetricNetwork(shard.network, params.n_joints)
+    states, task = StateBatch.initial(phi0, target, params), np.arange(shard.count)
+    lost = np.zeros(shard.count, dtype=np.bool_)
+    for _ in range(params.horizon):
+        mask = action_masks(states, "instant", params)
+        modes = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)
+        after, prediction = advance_batch(states, modes, params)
+        wrong = ~prediction.feasible | (prediction.d_min < params.d_touch)
+        wrong |= np.abs(after.phi - states.phi).max(axis=1) < STILL
+        lost[task[wrong]] = True
+        going = np.flatnonzero(~wrong & (after.phase <= params.n_joints))
+        states, task = after.take(going), task[going]
+        if len(task) == 0:
+            break
+    lost[task] = True
+    return Lost(shard.part, phi0[lost], target[lost])
+
+
+def around(
+    phi0: FloatArray,
+    target: FloatArray,
+    copies: int,
+    spread: float,
+    rng: np.random.Generator,
+    params: SnakeParams,
+) -> tuple[FloatArray, FloatArray]:
+    """Tasks, and others close to them; fewer where links would touch.
+
+    Args:
+        phi0: Initial shapes, shape (N, n) [rad].
+        target: Target shapes, shape (N, n) [rad].
+        copies: How many close ones to make of each.
+        spread: Standard deviation of each joint's change [rad].
+        rng: Source of randomness.
+        params: The constants.
+
+    Returns:
+        Initial and target shapes, each of shape (M, n) with M at most N (1 + copies) [rad].
+    """
+    limit = params.phi_limit
+    near = [
+        np.clip(shapes + spread * rng.normal(size=(copies, *shapes.shape)), -limit, limit)
+        for shapes in (phi0, target)
+    ]
+    begins, ends = (shapes.reshape(-1, params.n_joints) for shapes in near)
+    apart = np.minimum(least_distances(begins, params), least_distances(ends, params))
+    kept = apart >= params.d_collision
+    return np.concatenate([phi0, begins[kept]]), np.concatenate([target, ends[kept]])

@@ -1,0 +1,93 @@
+"""Harvests: the tasks that a policy loses, and what lies around them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from agents.harvest import Lost, Trial, around, play
+from snake_env.episode import STILL
+from snake_env.model_file import Model
+from snake_env.network import Network
+from snake_env.network_policy import NetworkPolicy
+from snake_env.simulation import advance, least_distances
+from snake_env.state import SnakeState
+from snake_env.value import pretrained
+from tests.conftest import PAPER
+
+
+def _unsure() -> Network:
+    """A policy that ships, with noise in its weights: it loses many tasks, but not all."""
+    model = pretrained("imitate", 8, True)
+    assert model is not None
+    first, *others = model.network.weights
+    noise = np.random.default_rng(0).normal(scale=0.1, size=first.shape)
+    return Network([first + noise.astype(np.float32), *others], model.network.biases)
+
+
+SHARD = Trial(seed=1, part=3, count=40, network=_unsure(), params=PAPER)
+
+
+def _is_lost(shard: Trial, state: SnakeState) -> bool:
+    """Plays a task by itself."""
+    policy = NetworkPolicy(shard.params, Model("policy", shard.params.n_joints, shard.network))
+    for _ in range(shard.params.horizon):
+        before = state.phi
+        state, prediction = advance(state, policy.select_mode(state), shard.params)
+        touched = prediction.d_min[0] < shard.params.d_touch
+        still = np.abs(state.phi - before).max() < STILL
+        if not prediction.feasible[0] or touched or still:
+            return True
+        if state.done:
+            return False
+    return True
+
+
+def _tasks(shard: Trial) -> list[tuple[np.ndarray, np.ndarray]]:
+    """All tasks of a shard: a policy that always loses shows them."""
+    refuses = dataclasses.replace(shard.params, horizon=1)
+    lost = play(dataclasses.replace(shard, params=refuses))
+    assert len(lost.phi0) == shard.count
+    return list(zip(lost.phi0, lost.target, strict=True))
+
+
+def test_play__keeps_just_the_tasks_that_are_lost() -> None:
+    lost = play(SHARD)
+    assert lost.part == 3
+    wanted = [
+        (phi0, target)
+        for phi0, target in _tasks(SHARD)
+        if _is_lost(SHARD, SnakeState.initial(phi0, target, PAPER))
+    ]
+    assert 8 <= len(wanted) <= 32  # it does lose some, and others not
+    np.testing.assert_array_equal(lost.phi0, [phi0 for phi0, _ in wanted])
+    np.testing.assert_array_equal(lost.target, [target for _, target in wanted])
+
+
+def test_play__shards_have_tasks_of_their_own() -> None:
+    assert not np.isin(play(SHARD).phi0, play(dataclasses.replace(SHARD, part=4)).phi0).any()
+    assert not np.isin(play(SHARD).phi0, play(dataclasses.replace(SHARD, seed=2)).phi0).any()
+
+
+def test_around__keeps_the_tasks_and_adds_close_ones_that_can_begin() -> None:
+    lost: Lost = play(dataclasses.replace(SHARD, count=200))
+    rng = np.random.default_rng(0)
+    phi0, target = around(lost.phi0, lost.target, 3, 0.02, rng, PAPER)
+    count = len(lost.phi0)
+    assert 2 * count < len(phi0) == len(target) <= 4 * count
+    np.testing.assert_array_equal(phi0[:count], lost.phi0)
+    np.testing.assert_array_equal(target[:count], lost.target)
+    for near, given in ((phi0[count:], lost.phi0), (target[count:], lost.target)):
+        assert np.abs(near).max() <= PAPER.phi_limit
+        assert least_distances(near, PAPER).min() >= PAPER.d_collision
+        changes = np.abs(near[:, None] - given[None]).max(axis=2).min(axis=1)
+        assert 0.0 < changes.min() <= changes.max() < 0.12
+        inside = np.abs(near) < PAPER.phi_limit
+        closest = given[np.abs(near[:, None] - given[None]).max(axis=2).argmin(axis=1)]
+        assert (near - closest)[inside].std() == pytest.approx(0.02, rel=0.1)
+
+
+def test_around__without_copies_changes_nothing() -> None:
+    phi0 = np.zeros((2, 8))
+    same = around(phi0, phi0 + 0.1, 0, 0.02, np.random.default_rng(0), PAPER)
+    np.testing.assert_array_equal(same, (phi0, phi0 + 0.1))

@@ -1,0 +1,145 @@
+"""``python -m train harvest``: tasks that a policy loses, to learn from."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+
+from agents.checks import check_positive, check_share
+from agents.harvest import Lost, Trial, around, play
+from evaluate.engine import Engine
+from evaluate.journal import Journal, writable_folder, write_atomically
+from evaluate.progress import progress
+from snake_env.errors import InvalidInputError
+from snake_env.model_file import read_model
+from snake_env.params import SnakeParams
+from snake_env.programs import warm_up
+from snake_env.tasks import random_tasks
+from train.run import Robot, command
+
+_PART = 512  # tasks that a worker plays side by side
+_OTHERS = (0, 3)  # spawn key of the random numbers that no shard has
+
+
+@dataclass(frozen=True)
+class Options:
+    """Play random tasks by a policy's network; keep those that it loses, and what lies around them."""
+
+    robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
+    policy: Annotated[Path | None, tyro.conf.arg(metavar="MODEL")] = None
+    """Model file of the policy."""
+    tasks: int = 1_000_000
+    """Random tasks to play, in whole shards of 512."""
+    copies: int = 2
+    """Tasks close to each lost one that are kept as well."""
+    spread: float = 0.02
+    """Standard deviation of each joint's change in these [rad]."""
+    share: float = 0.5
+    """Share of lost tasks and those around them in what is written; the others are random ones."""
+    seed: int = 0
+    """Seed of the random tasks."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for tasks.npz; default: runs/harvest- and the robot."""
+    resume: bool = False
+    """Go on with the interrupted harvest in the folder."""
+    overwrite: bool = False
+    """Replace the harvest in the folder."""
+
+    def check(self) -> SnakeParams:
+        """The constants that the options ask for.
+
+        Raises:
+            SnakeEnvError: An option's value can't be used.
+        """
+        check_positive(self, "tasks", "spread", "share")
+        check_share(self, "share")
+        for name in ("copies", "seed"):
+            if getattr(self, name) < 0:
+                raise InvalidInputError(name, getattr(self, name), "zero or a positive number")
+        if self.policy is None:
+            raise InvalidInputError("policy", None, "--policy: whose lost tasks are wanted")
+        if self.overwrite and self.resume:
+            raise InvalidInputError("overwrite", True, "one of --overwrite and --resume")
+        return self.robot.params()
+
+
+def train(options: Options, console: Console) -> Path:
+    """Plays all shards, or those that an interrupted harvest has left; writes the suite of tasks.
+
+    A shard depends on its number, the seed and the policy only: not on the workers.
+
+    Returns:
+        The suite's file.
+    """
+    params = options.check()
+    assert options.policy is not None
+    model = read_model(options.policy)
+    model.check(params, "policy")
+    folder = options.out or Path("runs") / f"harvest-{options.robot.name}"
+    options.engine.check()
+    config = {
+        "policy": model.sha256,
+        "seed": options.seed,
+        "params": json.loads(json.dumps(asdict(params))),
+    }
+    partial, file = folder / "lost.partial.jsonl", folder / "tasks.npz"
+    if not options.resume:
+        writable_folder(folder)
+        if (file.exists() or partial.exists()) and not options.overwrite:
+            expected = "a folder without a harvest (or --overwrite, or --resume to go on)"
+            raise InvalidInputError("out", str(folder), expected)
+    journal = Journal(partial, config, resume=options.resume)
+    lost = {
+        entry["part"]: Lost(entry["part"], np.array(entry["phi0"]), np.array(entry["target"]))
+        for entry in journal.entries
+    }
+    count = -(-options.tasks // _PART)
+    shards = [
+        Trial(options.seed, part, _PART, model.network, params)
+        for part in range(count)
+        if part not in lost
+    ]
+    warm_up(params)
+    with progress(console, len(shards) * _PART, "tasks") as advance:
+        for found in options.engine.map(play, shards):
+            lost[found.part] = found
+            shapes = {"phi0": found.phi0.tolist(), "target": found.target.tolist()}
+            journal.append({"part": found.part, **shapes})
+            advance("harvest", _PART)
+    parts = [lost[part] for part in range(count) if len(lost[part].phi0)]
+    if not parts:
+        raise InvalidInputError("tasks", options.tasks, "more: none of these was lost")
+    rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=_OTHERS))
+    phi0, target = around(
+        np.concatenate([part.phi0 for part in parts]),
+        np.concatenate([part.target for part in parts]),
+        options.copies,
+        options.spread,
+        rng,
+        params,
+    )
+    others = random_tasks(rng.spawn(round(len(phi0) * (1.0 / options.share - 1.0))), params)
+    content = io.BytesIO()
+    np.savez(
+        content,
+        phi0=np.concatenate([phi0, others[0]]),
+        target=np.concatenate([target, others[1]]),
+    )
+    write_atomically(file, content.getvalue())
+    about = {"command": command(), **config, "lost": sum(len(part.phi0) for part in parts)}
+    write_atomically(folder / "harvest.json", json.dumps(about, indent=1) + "\n")
+    journal.remove()
+    console.print(
+        f"{about['lost']} of {count * _PART} tasks were lost; "
+        f"{len(phi0)} of these and around them, and {len(others[0])} random ones: {file}",
+        soft_wrap=True,
+    )
+    return file
