@@ -25,7 +25,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.network import Network
 from snake_env.observation import observation_size, observe
 from snake_env.params import SnakeParams
-from snake_env.sb3.symmetric import Symmetric
+from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.search import best_of_each, expand
 from snake_env.state import FloatArray, IntArray, StateBatch
 from snake_env.tasks import random_tasks
@@ -219,6 +219,8 @@ def fit(
     learning_rate: float,
     n_joints: int,
     seed: int,
+    *,
+    quick: bool = False,
 ) -> tuple[Network, float]:
     """Fits a network to returns, so that the mean of what it says of state and mirror image is right.
 
@@ -230,6 +232,7 @@ def fit(
         learning_rate: The largest in this generation.
         n_joints: Joints of the robot.
         seed: Decides the order of the batches, and where a new network begins.
+        quick: It is to be asked about one image only.
 
     Returns:
         The network and its mean absolute error in the last pass [intervals].
@@ -240,7 +243,7 @@ def fit(
         torch.nn.init.constant_(module[-1].bias, float(np.median(intervals)))
     else:
         module = from_numpy(network)
-    symmetric = Symmetric(module).to(how.device)
+    asked = (Canonical if quick else Symmetric)(module).to(how.device)
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = len(x) // size  # in a pass
@@ -250,7 +253,7 @@ def fit(
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
     for rows in batches(len(x), size, how.epochs, how.device):
-        estimate = symmetric(x[rows])[:, 0]
+        estimate = asked(x[rows])[:, 0]
         loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
         optimizer.zero_grad()
         loss.backward()

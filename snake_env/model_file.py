@@ -23,8 +23,11 @@ from snake_env.observation import observation_rows, observation_size
 from snake_env.params import SnakeParams
 
 SCHEMA = 1
-Kind = Literal["value", "policy"]
-"""What the outputs are: the intervals that a state still needs, or a preference for each mode."""
+Kind = Literal["value", "quick-value", "policy"]
+"""What the outputs are: the intervals that a state still needs, or a preference for each mode.
+
+Networks are asked about a state and its mirror image, and the mean counts; a ``quick-value`` is asked
+about one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,17 @@ def read_model(path: Path) -> Model:
     )
 
 
+def read_network(path: Path, params: SnakeParams, kind: Kind) -> Network:
+    """The network of a model that must be of this kind and for these robots.
+
+    Raises:
+        InvalidInputError: As :func:`read_model` and :meth:`Model.check`.
+    """
+    model = read_model(path)
+    model.check(params, kind)
+    return model.network
+
+
 def _read_manifest(path: Path) -> dict[str, Any]:
     """The manifest of a model, checked field by field."""
     if not path.name:
@@ -140,7 +154,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise _bad(file, "n_joints from 5 to 16")
     if manifest.get("observation") != [list(row) for row in observation_rows(n)]:
         raise _bad(file, "the rows of this version's observation")
-    outputs = 1 if kind == "value" else len(mode_table(n))
+    outputs = len(mode_table(n)) if kind == "policy" else 1
     if (
         not isinstance(sizes, list)
         or len(sizes) < 2

@@ -201,9 +201,9 @@ def load_policy(name: str | Path, params: SnakeParams | None = None) -> Policy:
         return ShieldedPolicy(load_policy(text.removesuffix(SHIELD), constants), constants)
     if text.endswith(".safetensors"):
         model = read_model(Path(text))
-        if model.kind == "value":
-            return ValuePolicy(constants, NetworkValue(model, constants))
-        return NetworkPolicy(constants, model)
+        if model.kind == "policy":
+            return NetworkPolicy(constants, model)
+        return ValuePolicy(constants, NetworkValue(model, constants))
     base, colon, options = text.partition(":")
     if base not in POLICIES:
         raise UnknownNameError("policy", base, POLICIES)

@@ -1,7 +1,7 @@
 """The robot's mirror image: phi to -phi and y to -y; the lifted wheels stay the same.
 
-Every state is worth what its mirror image is worth, so each observation teaches twice, and a network
-that is asked about both errs less.
+Every state is worth what its mirror image is worth, so each observation teaches twice. A network that
+is asked about both errs less; one that is asked about the same one of them always takes half the time.
 """
 
 from __future__ import annotations
@@ -46,6 +46,19 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     return np.array(order), np.array(sign, dtype=np.float32)
 
 
+def telling(size: int) -> int:
+    """Position of the value that tells the two images apart: in the canonical one it is not negative.
+
+    It is the last joint's target, which stays the same through an episode: all that is compared within
+    one is seen from the same side.
+
+    Args:
+        size: Values in an observation.
+    """
+    return 2 * joints_observed(size) - 1  # targets come after angles
+
+
+@functools.cache
 def joints_observed(size: int) -> int:
     """How many joints a robot has whose observation has so many values.
 
@@ -70,11 +83,8 @@ class SymmetricNetwork:
     """
 
     def __init__(self, network: Network, n_joints: int) -> None:
-        order, sign = mirror(n_joints)
         first = network.weights[0]
-        image = np.empty_like(first)
-        image[order] = sign[:, None] * first
-        self._first = np.concatenate([first, image], axis=1)
+        self._first = np.concatenate([first, _for_images(first, n_joints)], axis=1)
         self._first_bias = np.concatenate([network.biases[0]] * 2)
         self._rest = list(zip(network.weights[1:], network.biases[1:], strict=True))
 
@@ -90,6 +100,40 @@ class SymmetricNetwork:
         result: Float32Array = x[0::2] + x[1::2]
         result *= 0.5
         return result
+
+
+class CanonicalNetwork:
+    """A network that is asked about one image of each state: the canonical one (:func:`telling`).
+
+    Args:
+        network: Takes observations.
+        n_joints: Joints of the robots.
+    """
+
+    def __init__(self, network: Network, n_joints: int) -> None:
+        first = _for_images(network.weights[0], n_joints)
+        self._telling = telling(len(first))
+        self._of_canonical = network
+        self._of_images = Network([first, *network.weights[1:]], network.biases)
+
+    def __call__(self, observations: Float32Array) -> Float32Array:
+        """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
+        as_it_is = observations[:, self._telling] >= 0.0
+        if as_it_is.all():
+            return self._of_canonical(observations)
+        if not as_it_is.any():
+            return self._of_images(observations)
+        result = self._of_images(observations)
+        result[as_it_is] = self._of_canonical(observations[as_it_is])
+        return result
+
+
+def _for_images(first: Float32Array, n_joints: int) -> Float32Array:
+    """Weights of a first layer that takes observations and sees their mirror images."""
+    order, sign = mirror(n_joints)
+    weights = np.empty_like(first)
+    weights[order] = sign[:, None] * first
+    return weights
 
 
 def _product(x: Float32Array, weight: Float32Array) -> Float32Array:

@@ -16,7 +16,7 @@ from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.reward import potential
 from snake_env.state import FloatArray, StateBatch
-from snake_env.symmetry import SymmetricNetwork
+from snake_env.symmetry import CanonicalNetwork, SymmetricNetwork
 
 
 class ValueFunction(Protocol):
@@ -42,10 +42,10 @@ class PhaseValue:
 
 
 class NetworkValue:
-    """A trained network, asked about each state and its mirror image: the mean of both errs less.
+    """A trained network, asked about each state and its mirror image, or about one of them.
 
     Args:
-        model: Of the kind ``value``.
+        model: Of the kind ``value`` or ``quick-value``.
         params: The constants.
 
     Raises:
@@ -53,9 +53,11 @@ class NetworkValue:
     """
 
     def __init__(self, model: Model, params: SnakeParams) -> None:
-        model.check(params, "value")
-        self.network, self._params = model.network, params
-        self._twice = SymmetricNetwork(model.network, params.n_joints)
+        quick = model.kind == "quick-value"
+        model.check(params, "quick-value" if quick else "value")
+        self._params = params
+        asked = CanonicalNetwork if quick else SymmetricNetwork
+        self._asked = asked(model.network, params.n_joints)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
@@ -71,7 +73,7 @@ class NetworkValue:
             observations: Shape (N, observation_size).
             reached: Where the target is reached, shape (N,).
         """
-        estimates = self._twice(observations)[:, 0].astype(np.float64)
+        estimates = self._asked(observations)[:, 0].astype(np.float64)
         estimates[reached] = 0.0
         return estimates
 

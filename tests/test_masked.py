@@ -17,8 +17,8 @@ from snake_env.model_file import Model, write_model
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
-from snake_env.sb3.symmetric import Symmetric
-from snake_env.symmetry import SymmetricNetwork, joints_observed
+from snake_env.sb3.symmetric import Canonical, Symmetric
+from snake_env.symmetry import CanonicalNetwork, SymmetricNetwork, joints_observed
 
 PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
 DQN_SETTINGS = dqn.Settings(
@@ -232,14 +232,19 @@ def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
 
 
 @pytest.mark.parametrize("n_joints", [5, 8, 10])
-def test_symmetric__is_what_the_policy_is_asked_in_numpy(n_joints: int) -> None:
+def test_symmetric_and_canonical__are_what_is_asked_in_numpy(n_joints: int) -> None:
     size = observation_size(n_joints)
     module = build([size, 16, 8, 5])
     seen = np.random.default_rng(3).uniform(-1.0, 1.0, (7, size)).astype(np.float32)
     with torch.no_grad():
         got = Symmetric(module)(torch.from_numpy(seen)).numpy()
-    wanted = SymmetricNetwork(to_numpy(linear_layers(module)), n_joints)(seen)
+        of_one = Canonical(module)(torch.from_numpy(seen)).numpy()
+    network = to_numpy(linear_layers(module))
+    wanted = SymmetricNetwork(network, n_joints)(seen)
     np.testing.assert_allclose(got, wanted, rtol=1e-5, atol=1e-6)
+    wanted_of_one = CanonicalNetwork(network, n_joints)(seen)
+    np.testing.assert_allclose(of_one, wanted_of_one, rtol=1e-5, atol=1e-6)
+    assert not np.allclose(wanted, wanted_of_one, atol=1e-3)
     assert joints_observed(size) == n_joints
 
 

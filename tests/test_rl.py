@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.symmetry import SymmetricNetwork
+from tests.conftest import random_state
 from tests.test_network_policy import model_of
 from train.__main__ import main
 from train.run import Robot
@@ -116,6 +118,26 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
     assert same(read_model(out / "last.safetensors").network, network)
 
 
+def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    phi0 = np.stack([random_state(seed).phi for seed in range(3)])
+    suite, seen = tmp_path / "tasks.npz", []
+    np.savez(suite, phi0=phi0, target=phi0[::-1])
+
+    class Watched(SnakeVecEnv):
+        def reset(self) -> Any:
+            observed = super().reset()
+            seen.append(self.envs.core.states)
+            return observed
+
+    monkeypatch.setattr("train.rl.SnakeVecEnv", Watched)
+    out = tmp_path / "run"
+    assert main(arguments("ppo", out, f"--tasks {suite} --timesteps 1024")) == 0
+    assert json.loads((out / "run.json").read_text())["config"]["tasks"][:2] == [str(suite), 3]
+    (begun,) = seen
+    drawn = {tuple(state) for state in begun.phi}
+    assert drawn == {tuple(shape) for shape in phi0}  # 16 robots: all three are among them
+
+
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
@@ -127,6 +149,9 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
         ("ppo --segment 0", "segment = 0"),
         ("ppo --reward tim=1", "did you mean 'time'"),
         ("ppo --reward time", "NAME=VALUE"),
+        ("ppo --tasks test-10k", "tasks = 'test-10k': expected others: agents are compared on"),
+        ("dqn --tasks validation-2k", "tasks = 'validation-2k': expected others"),
+        ("ppo --tasks nowhere.npz", "tasks = 'nowhere.npz': expected a file that exists"),
         ("ppo --set a_d=1", "unknown"),
         ("ppo --validation-tasks 0", "1 to 2000"),
         ("ppo --init nowhere.safetensors", "manifest"),

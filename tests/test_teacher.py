@@ -21,12 +21,12 @@ from agents.teacher import join as joined
 from snake_env.masks import action_masks
 from snake_env.modes import mode_table
 from snake_env.network import Network
-from snake_env.observation import observation_size, observe
+from snake_env.observation import observation_rows, observation_size, observe
 from snake_env.params import SnakeParams
 from snake_env.policies import load_policy
 from snake_env.simulation import advance, least_distances, predict
 from snake_env.state import SnakeState, StateBatch
-from snake_env.symmetry import SymmetricNetwork, mirror
+from snake_env.symmetry import CanonicalNetwork, SymmetricNetwork, mirror, telling
 from snake_env.value import load_value, network_value
 from tests.conftest import PAPER, random_state, same_state, sim_1_episode
 
@@ -275,6 +275,36 @@ def test_symmetric_network__is_the_mean_of_what_both_images_get(
     np.testing.assert_allclose(symmetric(x), mean, atol=1e-5)
     np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
     np.testing.assert_allclose(symmetric(x[:1]), mean[:1], atol=1e-5)
+
+
+@pytest.mark.parametrize("n_joints", [5, 8])
+def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negative(
+    n_joints: int,
+) -> None:
+    sizes = [observation_size(n_joints), 7, 4]
+    rng = np.random.default_rng(0)
+    network = Network(
+        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    order, sign = mirror(n_joints)
+    asked = CanonicalNetwork(network, n_joints)
+    last = [name for name, size in observation_rows(n_joints) for _ in range(size)]
+    last_target = len(last) - 1 - last[::-1].index("target")
+    assert telling(sizes[0]) == last_target
+    x = rng.uniform(-1.0, 1.0, (8, sizes[0])).astype(np.float32)
+    x[0, last_target] = 0.0
+    images = x[:, order] * sign
+    left = x[:, last_target] >= 0.0
+    assert 2 <= left.sum() <= 6
+    wanted = network(np.where(left[:, None], x, images))
+    assert not np.allclose(wanted, network(x), atol=1e-2)
+    np.testing.assert_allclose(asked(x), wanted, atol=1e-5)
+    for same_side in (x[left][1:], x[~left]):  # as in one episode; at 0 it is both images
+        np.testing.assert_allclose(asked(same_side), asked(same_side[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(asked(x[left]), wanted[left], atol=1e-5)
+    np.testing.assert_allclose(asked(x[~left]), wanted[~left], atol=1e-5)
+    assert asked(x[:0]).shape == (0, 4)
 
 
 @pytest.mark.parametrize("n_joints", [5, 8, 9, 16])

@@ -687,7 +687,9 @@ def test_value__goes_on_from_a_network_of_the_same_size(learned: Path, tmp_path:
     assert other.sizes == [observation_size(5), 9, 1]
 
 
-def test_value__is_distilled_into_a_smaller_network(tmp_path: Path) -> None:
+def test_value__is_distilled_into_a_smaller_network(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rng = np.random.default_rng(0)
     shapes = [(observation_size(5), 24), (24, 1)]
     teacher = Network(
@@ -708,6 +710,11 @@ def test_value__is_distilled_into_a_smaller_network(tmp_path: Path) -> None:
     off = np.abs(small(states) - large(states)).mean()
     spread = np.abs(large(states) - np.median(large(states))).mean()
     assert off < 0.5 * spread
+    file = tmp_path / "small" / "value.safetensors"
+    assert read_model(file).kind == "quick-value"  # asked about one image, it guides nobody else
+    for others in (VALUE, ("imitate", *QUICK, "--value", file, "--out")):
+        told = _refusal(capsys, *others, tmp_path / "no", "--init", file)
+        assert re.search(r"^model\.kind = 'quick-value': expected (value|policy)$", told)
 
 
 class _Kill(BaseException):

@@ -49,6 +49,20 @@ def test_network_value__is_the_networks_mean_of_both_images_or_0_at_the_target()
     assert mean[5] != 0.0
 
 
+def test_network_value__that_is_quick_is_of_one_image() -> None:
+    states = [random_state(seed) for seed in range(6)]
+    batch = StateBatch.stack([*states, states[0].replace(phase=9)])
+    network = _network(1)
+    values = NetworkValue(Model("quick-value", 8, network), PAPER)(batch)
+    order, sign = mirror(8)
+    seen = observe(batch, PAPER)
+    right = batch.target[:, -1] < 0.0
+    assert 1 <= right[:6].sum() <= 5
+    seen[right] = seen[right][:, order] * sign
+    assert values[:6] == pytest.approx(network(seen)[:6, 0], abs=1e-5)
+    assert values[6] == 0.0
+
+
 def test_network_value__of_no_states_is_empty() -> None:
     values = NetworkValue(Model("value", 8, _network(1)), PAPER)
     assert values(StateBatch.stack([random_state(0)]).take([])).shape == (0,)

@@ -39,6 +39,8 @@ _WHAT = {
     "with no model roll-out. `+shield` checks the choice with a roll-out.",
     "value": "Says how many intervals a state still needs: such networks guide the policies `value` "
     "and `lookahead`, and the teacher of `imitate`.",
+    "quick-value": "Says how many intervals a state still needs, when it is asked about one image "
+    "of the state: such networks guide the policy `value`, whose decisions wait for them.",
 }
 _LIMITS = {
     "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
@@ -46,6 +48,7 @@ _LIMITS = {
     "value": "It is an estimate, learned on random shapes within the joint limits: plans are right all "
     "the same, as they are predicted by the model.",
 }
+_LIMITS["quick-value"] = _LIMITS["value"]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from agents.teacher import Visit, collect
 from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Model, read_model, write_model
+from snake_env.model_file import Model, read_model, read_network, write_model
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
@@ -96,7 +96,7 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
-    begun = None if init is None else _student(init, params)
+    begun = None if init is None else read_network(init, params, "policy")
     trusted = None if options.value is None else read_model(options.run.own(options.value))
     if trusted is not None:
         trusted.check(params, "value")
@@ -219,13 +219,6 @@ def _kept(path: Path, number: int) -> Path:
 
 def _lessons(path: Path, number: int) -> Path:
     return path / f"lessons-{number}.npz"
-
-
-def _student(path: Path, params: SnakeParams) -> Network:
-    """The network of a policy for these robots."""
-    model = read_model(path)
-    model.check(params, "policy")
-    return model.network
 
 
 def _given(run: Path, params: SnakeParams) -> list[Lessons]:

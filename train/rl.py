@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import joblib
 import numpy as np
 import torch
 from rich.console import Console
@@ -33,11 +34,11 @@ from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.model_file import Model, read_model, write_model
+from snake_env.model_file import Model, read_network, write_model
 from snake_env.programs import warm_up
 from snake_env.reward import RewardWeights
 from snake_env.sb3 import SnakeVecEnv
-from snake_env.value import NetworkValue
+from snake_env.tasks import FROZEN, load_tasks
 from train.curves import draw_curves
 from train.run import Robot, Run, RunFolder, command
 from train.validation import Validation, quality
@@ -54,6 +55,8 @@ class Loop:
     random weights."""
     reward: Assignments = ()
     """Replaces a weight of the reward, for example --reward time=-0.05; may be repeated."""
+    tasks: str | None = None
+    """Suite of tasks to learn from, as in python -m evaluate --tasks; default: ever new random ones."""
     segment: int = 131_072
     """Decisions between two checkpoints."""
     validate_every: int = 4
@@ -69,6 +72,8 @@ class Loop:
         """
         check_positive(self, "segment", "validate_every")
         check_device(self.device)
+        if self.tasks in FROZEN:
+            raise InvalidInputError("tasks", self.tasks, "others: agents are compared on these")
         known = [weight.name for weight in dataclasses.fields(RewardWeights)]
         given = parse_overrides(self.reward)
         for name in given:
@@ -108,17 +113,17 @@ def train(
     validation.check()
     name = algorithm.__name__.rsplit(".", 1)[-1]
     init = None if loop.init is None else run.own(loop.init)
-    begun = None if init is None else read_model(init)
-    if begun is not None:
-        begun.check(params, "policy")
+    begun = None if init is None else read_network(init, params, "policy")
     critic_from = None if init_critic is None else run.own(init_critic)
-    critic = None if critic_from is None else NetworkValue(read_model(critic_from), params).network
+    critic = None if critic_from is None else read_network(critic_from, params, "value")
+    suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
     config = {
         **dataclasses.asdict(settings),
         **dataclasses.asdict(validation),
         "init": None if init is None else str(init),
         "init_critic": None if critic_from is None else str(critic_from),
         "reward": weights,
+        "tasks": suite and [suite.name, len(suite), joblib.hash((suite.phi0, suite.target))],
         "segment": loop.segment,
         "validate_every": loop.validate_every,
         "device": loop.device,
@@ -132,6 +137,7 @@ def train(
         settings.num_envs,
         mask_in_observation=True,
         preset=robot.preset,
+        task_suite=loop.tasks,
         reward_weights={**weights, "gamma": settings.gamma},
         **parse_overrides(robot.set),
     )
@@ -143,7 +149,7 @@ def train(
         segment = _load(algorithm, model, checkpoint)
     else:
         if begun is not None:
-            algorithm.initialise(model, begun.network, settings)
+            algorithm.initialise(model, begun, settings)
         if critic is not None:
             algorithm.initialise_critic(model, critic, weights)
     total = settings.timesteps

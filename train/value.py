@@ -15,11 +15,10 @@ from agents.value import Fit, Play, Returns, fit, play
 from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Model, read_model, write_model
+from snake_env.model_file import Kind, Model, read_model, read_network, write_model
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
 from snake_env.programs import warm_up
-from snake_env.value import NetworkValue
 from train.run import Robot, Run, RunFolder, command
 
 _PART = 256  # episodes that a worker plays side by side
@@ -42,8 +41,8 @@ class Options:
     these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
     it."""
     distil: bool = False
-    """Fit to what the network of --init says about all successors on the way, instead of returns: makes
-    a smaller one of it. It then plays all generations."""
+    """Fit to what the network of --init says about all successors on the way, instead of returns. It
+    plays all generations; what is made of it answers soon, as it is asked about one image only."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
@@ -79,7 +78,7 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
-    begun = None if init is None else NetworkValue(read_model(init), params).network
+    begun = None if init is None else read_network(init, params, "value")
     config = {
         **dataclasses.asdict(options.fit),
         "init": None if init is None else str(init),
@@ -94,7 +93,8 @@ def train(options: Options, console: Console) -> Path:
     file = folder.path / "value.safetensors"
     rows = list(folder.rows())
     sizes = [observation_size(params.n_joints), *options.fit.hidden, 1]
-    network = begun if begun is not None and begun.sizes == sizes else None
+    kind: Kind = "quick-value" if options.distil else "value"
+    network = begun if begun is not None and begun.sizes == sizes and not options.distil else None
     if rows:
         network = read_model(_kept(folder.path, len(rows) - 1)).network
     trace_decay = None if options.distil else options.trace_decay
@@ -137,6 +137,7 @@ def train(options: Options, console: Console) -> Path:
             options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
             params.n_joints,
             seed=options.run.seed + 1000 * generation,
+            quick=options.distil,
         )
         strict = sum(returns.strict for returns in played)
         solved = sum(returns.solved for returns in played)
@@ -148,7 +149,7 @@ def train(options: Options, console: Console) -> Path:
             "fit_error": round(error, 4),
         }
         made = {"command": command(), "config": config, "generation": generation + 1}
-        write_model(_kept(folder.path, generation), Model("value", params.n_joints, network, made))
+        write_model(_kept(folder.path, generation), Model(kind, params.n_joints, network, made))
         rows.append({key: str(value) for key, value in row.items()})
         folder.write_rows(rows)
         for stale in (folder.path / f"returns-{first - 1}.npz", _kept(folder.path, generation - 1)):
@@ -159,7 +160,7 @@ def train(options: Options, console: Console) -> Path:
         )
     assert network is not None
     made = {"command": command(), "config": config, "generations": options.generations}
-    write_model(file, Model("value", params.n_joints, network, made))
+    write_model(file, Model(kind, params.n_joints, network, made))
     console.print(f"model: {file}")
     return file
 

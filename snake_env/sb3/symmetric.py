@@ -1,11 +1,11 @@
-"""Networks in PyTorch that are asked about both images, as SymmetricNetwork in NumPy."""
+"""Networks in PyTorch that are asked about both images, or one, as those in NumPy."""
 
 from __future__ import annotations
 
 import torch
 from torch import nn
 
-from snake_env.symmetry import joints_observed, mirror
+from snake_env.symmetry import joints_observed, mirror, telling
 
 
 class Mirror(nn.Module):
@@ -52,3 +52,26 @@ class Symmetric(nn.Module):
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """The mean of the answers, shape (N, outputs)."""
         return mean_of_both(self.network(self._mirror(observations)))
+
+
+class Canonical(nn.Module):
+    """A network that is asked about one image of each state, as CanonicalNetwork.
+
+    Args:
+        network: Linear layers with rectifiers between them; the first takes observations.
+    """
+
+    def __init__(self, network: nn.Sequential) -> None:
+        super().__init__()
+        self.network = network
+        first = network[0]
+        assert isinstance(first, nn.Linear)
+        self._mirror = Mirror(first.in_features)
+        self._telling = telling(first.in_features)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Its answers, shape (N, outputs)."""
+        as_they_are, images = self._mirror(observations).chunk(2)
+        canonical = observations[:, self._telling, None] >= 0.0
+        answers: torch.Tensor = self.network(torch.where(canonical, as_they_are, images))
+        return answers
