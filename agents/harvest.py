@@ -1,8 +1,8 @@
-"""Tasks that a policy loses: what it has still to learn.
+"""Tasks that a policy loses to a choice that a look would have ruled out: what it has still to learn.
 
-A good policy loses one random task in some hundred, so random tasks hardly teach it more. Those that it
-loses, and what lies around them, do: prioritized level replay (Jiang, Grefenstette and Rocktaeschel,
-ICML 2021), with levels that are collected before.
+A good policy makes such a choice in one random task of some hundred, so random tasks hardly teach it
+more. Those tasks, and what lies around them, do: prioritized level replay (Jiang, Grefenstette and
+Rocktaeschel, ICML 2021), with levels that are collected before.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from snake_env.masks import action_masks
 from snake_env.network import Network
 from snake_env.observation import observe
 from snake_env.params import SnakeParams
+from snake_env.search import expand
 from snake_env.simulation import advance_batch, least_distances
 from snake_env.state import FloatArray, StateBatch
 from snake_env.symmetry import SymmetricNetwork
@@ -43,7 +44,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Lost:
-    """The tasks of a shard that were lost.
+    """The tasks of a shard that were lost to such a choice.
 
     Attributes:
         part: The shard's number.
@@ -57,9 +58,9 @@ class Lost:
 
 
 def play(shard: Trial) -> Lost:
-    """Plays a shard's tasks; lost are those with a violation, and those where the robot stands still.
+    """Plays a shard's tasks; lost are those in which a wrong mode was chosen where another was right.
 
-    A policy may find a way on from there, but it has lost time.
+    Wrong are modes that are infeasible or let links touch. Robots that stand still are left there.
     """
     params = shard.params
     rng = np.random.default_rng(np.random.SeedSequence(shard.seed, spawn_key=(shard.part, 0)))
@@ -71,14 +72,13 @@ def play(shard: Trial) -> Lost:
         mask = action_masks(states, "instant", params)
         modes = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)
         after, prediction = advance_batch(states, modes, params)
-        wrong = ~prediction.feasible | (prediction.d_min < params.d_touch)
-        wrong |= np.abs(after.phi - states.phi).max(axis=1) < STILL
-        lost[task[wrong]] = True
-        going = np.flatnonzero(~wrong & (after.phase <= params.n_joints))
-        states, task = after.take(going), task[going]
-        if len(task) == 0:
-            break
-    lost[task] = True
+        wrong = np.flatnonzero(~prediction.feasible | (prediction.d_min < params.d_touch))
+        avoidable = np.unique(expand(states.take(wrong), params).parent)
+        lost[task[wrong[avoidable]]] = True
+        going = np.abs(after.phi - states.phi).max(axis=1) >= STILL
+        going &= after.phase <= params.n_joints
+        going[wrong] = False
+        states, task = after.take(np.flatnonzero(going)), task[going]
     return Lost(shard.part, phi0[lost], target[lost])
 
 

@@ -8,47 +8,46 @@ import pytest
 from agents.harvest import Lost, Trial, around, play
 from snake_env.episode import STILL
 from snake_env.model_file import Model
+from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.network_policy import NetworkPolicy
-from snake_env.simulation import advance, least_distances
+from snake_env.simulation import advance, least_distances, predict
 from snake_env.state import SnakeState
+from snake_env.tasks import random_tasks
 from snake_env.value import pretrained
 from tests.conftest import PAPER
 
 
-def _unsure() -> Network:
+def unsure() -> Network:
     """A policy that ships, with noise in its weights: it loses many tasks, but not all."""
     model = pretrained("imitate", 8, True)
     assert model is not None
     first, *others = model.network.weights
-    noise = np.random.default_rng(0).normal(scale=0.1, size=first.shape)
+    noise = np.random.default_rng(0).normal(scale=0.3, size=first.shape)
     return Network([first + noise.astype(np.float32), *others], model.network.biases)
 
 
-SHARD = Trial(seed=1, part=3, count=40, network=_unsure(), params=PAPER)
+SHARD = Trial(seed=1, part=3, count=40, network=unsure(), params=PAPER)
 
 
-def _is_lost(shard: Trial, state: SnakeState) -> bool:
+def _is_lost(state: SnakeState, network: Network) -> bool:
     """Plays a task by itself."""
-    policy = NetworkPolicy(shard.params, Model("policy", shard.params.n_joints, shard.network))
-    for _ in range(shard.params.horizon):
-        before = state.phi
-        state, prediction = advance(state, policy.select_mode(state), shard.params)
-        touched = prediction.d_min[0] < shard.params.d_touch
-        still = np.abs(state.phi - before).max() < STILL
-        if not prediction.feasible[0] or touched or still:
-            return True
-        if state.done:
+    policy = NetworkPolicy(PAPER, Model("policy", 8, network))
+    for _ in range(PAPER.horizon):
+        before, mode = state, policy.select_mode(state)
+        state, prediction = advance(before, mode, PAPER)
+        if not prediction.feasible[0] or prediction.d_min[0] < PAPER.d_touch:
+            others = predict(before, mode_table(8).valid(before.phase), PAPER)
+            return bool((others.feasible & (others.d_min >= PAPER.d_touch)).any())
+        if state.done or np.abs(state.phi - before.phi).max() < STILL:
             return False
-    return True
+    return False
 
 
-def _tasks(shard: Trial) -> list[tuple[np.ndarray, np.ndarray]]:
-    """All tasks of a shard: a policy that always loses shows them."""
-    refuses = dataclasses.replace(shard.params, horizon=1)
-    lost = play(dataclasses.replace(shard, params=refuses))
-    assert len(lost.phi0) == shard.count
-    return list(zip(lost.phi0, lost.target, strict=True))
+def _tasks(shard: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """All tasks of a shard."""
+    rng = np.random.default_rng(np.random.SeedSequence(shard.seed, spawn_key=(shard.part, 0)))
+    return random_tasks(rng.spawn(shard.count), shard.params)
 
 
 def test_play__keeps_just_the_tasks_that_are_lost() -> None:
@@ -56,10 +55,10 @@ def test_play__keeps_just_the_tasks_that_are_lost() -> None:
     assert lost.part == 3
     wanted = [
         (phi0, target)
-        for phi0, target in _tasks(SHARD)
-        if _is_lost(SHARD, SnakeState.initial(phi0, target, PAPER))
+        for phi0, target in zip(*_tasks(SHARD), strict=True)
+        if _is_lost(SnakeState.initial(phi0, target, PAPER), SHARD.network)
     ]
-    assert 8 <= len(wanted) <= 32  # it does lose some, and others not
+    assert 5 <= len(wanted) <= 35  # it does lose some, and others not
     np.testing.assert_array_equal(lost.phi0, [phi0 for phi0, _ in wanted])
     np.testing.assert_array_equal(lost.target, [target for _, target in wanted])
 
