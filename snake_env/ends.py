@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from snake_env.blocks import LANES, BlockProgram, clock_of, constants_of, traced_params
 from snake_env.features import features
 from snake_env.kernel import RUNNING, Kernel, get_kernel
 from snake_env.params import SnakeParams
 from snake_env.scalars import Scalar, absolute, both, negate, select
-from snake_env.simulation import Prediction, predict_lanes
-from snake_env.state import FloatArray, SnakeState
+from snake_env.simulation import final_blocks
+from snake_env.state import FloatArray, IntArray, SnakeState
 from snake_env.tracing import Trace
 
 
@@ -29,18 +29,18 @@ class Ends:
     """Where M modes lead from one state.
 
     Attributes:
-        prediction: What each does.
-        reached: Whether it reaches the target, shape (M,).
+        executable: Which are feasible and let no links touch, shape (M,).
+        reached: Which reach the target, shape (M,).
         observations: What an agent would see there, shape (M, observation_size); of no use where the
             mode is infeasible.
     """
 
-    prediction: Prediction
+    executable: NDArray[np.bool_]
     reached: NDArray[np.bool_]
     observations: NDArray[np.float32]
 
 
-def ends(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Ends:
+def ends(state: SnakeState, modes: IntArray, params: SnakeParams) -> Ends:
     """Predicts one interval for each mode and observes where it ends.
 
     Args:
@@ -49,17 +49,24 @@ def ends(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Ends:
         params: The constants.
 
     Returns:
-        To the bit what :func:`snake_env.observation.observe` gives for the
-        :func:`snake_env.simulation.successors`.
+        To the bit what :func:`snake_env.search.expand` keeps, and what
+        :func:`snake_env.observation.observe` gives for that.
 
     Raises:
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
-    prediction, blocks = predict_lanes(state, modes, params)
-    program = get_ends_program(params.n_joints, params.head_contact)
-    results = program(blocks, state, params)[: len(prediction)]
-    return Ends(prediction, results[:, 0] > params.n_joints, results[:, 1:])
+    blocks, count = final_blocks(state, modes, params), len(modes)
+    at = get_kernel(params.n_joints, params.head_contact).rows
+    violation, d2_min = (
+        blocks[:, at[name].start].reshape(-1)[:count] for name in ("violation", "d2_min")
+    )
+    results = get_ends_program(params.n_joints, params.head_contact)(blocks, state, params)[:count]
+    return Ends(
+        executable=(violation == RUNNING) & (np.sqrt(d2_min) >= params.d_touch),
+        reached=results[:, 0] > params.n_joints,
+        observations=results[:, 1:],
+    )
 
 
 class EndsProgram(BlockProgram):

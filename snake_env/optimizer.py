@@ -28,12 +28,6 @@ class Selection:
     modes: IntArray
     prediction: Prediction
 
-    @classmethod
-    def of(cls, modes: IntArray, prediction: Prediction) -> Selection:
-        """The choice among candidates that have been predicted; ties go to the lowest index."""
-        best = int(np.argmin(prediction.j))
-        return cls(int(modes[best]) if prediction.feasible[best] else None, modes, prediction)
-
     @property
     def last_resort(self) -> int:
         """The choice, or where nothing is feasible the candidate that holds out longest."""
@@ -80,8 +74,13 @@ class AnalyticOptimizer:
     def select(self, state: SnakeState) -> Selection:
         """Predicts all candidates in one pass of the kernel and compares them.
 
+        Ties go to the lowest index.
+
         Raises:
             InvalidInputError: The state has reached its target, or does not fit the constants.
         """
         modes = self.modes(state.phase)
-        return Selection.of(modes, predict(state, modes, self.params))
+        prediction = predict(state, modes, self.params)
+        best = int(np.argmin(prediction.j))
+        mode = int(modes[best]) if prediction.feasible[best] else None
+        return Selection(mode, modes, prediction)

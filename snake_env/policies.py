@@ -13,18 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.blocks import LANES
-from snake_env.ends import Ends, ends
+from snake_env.ends import ends
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.lookahead import LookaheadPolicy
 from snake_env.masks import instant_mask
 from snake_env.model_file import read_model
 from snake_env.modes import mode_table
 from snake_env.network_policy import NetworkPolicy
-from snake_env.optimizer import AnalyticOptimizer, Selection
+from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
 from snake_env.policy import Policy
+from snake_env.search import expand
 from snake_env.shield import ShieldedPolicy
-from snake_env.simulation import predict, successors
+from snake_env.simulation import predict
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 from snake_env.value import NetworkValue, ValueFunction, load_value, pretrained
 
@@ -87,24 +88,24 @@ class ValuePolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """The feasible mode of best value; where none is feasible, the one that holds out longest."""
-        modes = self._optimizer.modes(state.phase)
-        self.rollouts += len(modes)
-        found = ends(state, modes, self.params)
-        prediction = found.prediction
-        kept = np.flatnonzero(prediction.feasible & (prediction.d_min >= self.params.d_touch))
-        if len(kept) == 0:
-            return Selection.of(modes, prediction).last_resort
-        if len(kept) == 1:
-            return int(modes[kept[0]])
-        return int(modes[kept[np.argmin(self._worth(state, modes, found, kept))]])
+        modes, worth = self._choices(state)
+        if len(modes) == 0:
+            return self._optimizer.select(state).last_resort
+        if len(modes) == 1:
+            return int(modes[0])
+        return int(modes[np.argmin(worth())])
 
-    def _worth(self, state: SnakeState, modes: IntArray, found: Ends, kept: IntArray) -> FloatArray:
-        """The value of the ends of some modes."""
-        if isinstance(self._value, NetworkValue):  # which needs no more than what is seen there
-            return self._value.of_observed(found.observations[kept], found.reached[kept])
-        begun = StateBatch.stack([state]).take(np.zeros(len(modes), dtype=np.intp))
-        after = successors(begun, modes, found.prediction, self.params)
-        return self._value(after.take(kept))
+    def _choices(self, state: SnakeState) -> tuple[IntArray, Callable[[], FloatArray]]:
+        """The modes that can be executed, and who says what their ends are worth."""
+        valid, value = self._optimizer.modes(state.phase), self._value
+        self.rollouts += len(valid)
+        if not isinstance(value, NetworkValue):
+            tree = expand(StateBatch.stack([state]), self.params)
+            return tree.mode, lambda: value(tree.states)
+        found = ends(state, valid, self.params)  # a network needs no more than what is seen there
+        kept = np.flatnonzero(found.executable)
+        seen, reached = found.observations.take(kept, axis=0), found.reached[kept]
+        return valid[kept], lambda: value.of_observed(seen, reached)
 
 
 def _quick_value(params: SnakeParams) -> ValueFunction:

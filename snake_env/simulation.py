@@ -102,18 +102,25 @@ def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Predict
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
-    return predict_lanes(state, modes, params)[0]
+    return predict_batch(*_with_each(state, modes), params)
 
 
-def predict_lanes(
-    state: SnakeState, modes: ArrayLike, params: SnakeParams
-) -> tuple[Prediction, FloatArray]:
-    """:func:`predict`, and the kernel's blocks as it left them."""
+def final_blocks(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> FloatArray:
+    """What :func:`predict` makes predictions of: the kernel's blocks at the end of the interval.
+
+    Returns:
+        Shape (n_blocks, n_rows, n_lanes), as :class:`snake_env.kernel.Kernel` lays them out; a lane
+        for each mode, then padding.
+    """
+    states, chosen = _with_each(state, modes)
+    _check_states(states, chosen, params)
+    return _run_blocks(states, chosen, params, clock_of(params))
+
+
+def _with_each(state: SnakeState, modes: ArrayLike) -> tuple[StateBatch, IntArray]:
+    """One state for each of some modes."""
     chosen = _checked_modes(modes)
-    batch = StateBatch.stack([state]).take(np.zeros(len(chosen), dtype=np.intp))
-    _check_states(batch, chosen, params)
-    blocks = _run_blocks(batch, chosen, params, clock_of(params))
-    return _prediction(batch, _outcome(blocks, len(chosen), params), params), blocks
+    return StateBatch.stack([state]).take(np.zeros(len(chosen), dtype=np.intp)), chosen
 
 
 def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -130,15 +137,9 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
     """
     chosen = _checked_modes(modes)
     _check_states(states, chosen, params)
-    return _prediction(states, _run(states, chosen, params, clock_of(params)), params)
-
-
-def _prediction(
-    states: StateBatch, outcome: dict[str, FloatArray], params: SnakeParams
-) -> Prediction:
-    """What lanes did in an interval that these states began with."""
+    outcome = _run(states, chosen, params, clock_of(params))
     scp = states.phase - 1
-    lanes = np.arange(len(states))
+    lanes = np.arange(len(chosen))
     turned = np.abs(outcome["phi"][lanes, scp] - states.phi[lanes, scp])
     code = outcome["violation"][:, 0].astype(np.intp)
     feasible = code == 0
