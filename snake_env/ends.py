@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.blocks import LANES, BlockProgram, clock_of, constants_of, traced_params
+from snake_env.blocks import LANES, BlockProgram, constants_of, traced_params
 from snake_env.features import features
 from snake_env.kernel import RUNNING, Kernel, get_kernel
 from snake_env.params import SnakeParams
@@ -100,7 +100,8 @@ class EndsProgram(BlockProgram):
         blocks[:, self._lane] = lanes
         blocks[:, self._goal] = state.target[:, None]
         blocks[:, self._scp_before] = state.phi[state.phase - 1]
-        self.run(blocks, constants_of(params), clock_of(params)[:0])
+        if len(blocks):
+            self.bind(blocks, constants_of(params))()
         results = np.empty((len(blocks), self.lanes, self.n_rows - self._first), np.float32)
         results[:] = blocks[:, self._first :].transpose(0, 2, 1)
         return results.reshape(-1, results.shape[2])

@@ -119,9 +119,10 @@ class CanonicalNetwork:
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
         as_it_is = observations[:, self._telling] >= 0.0
-        if as_it_is.all():
+        count = np.count_nonzero(as_it_is)
+        if count == len(observations):
             return self._of_canonical(observations)
-        if not as_it_is.any():
+        if count == 0:
             return self._of_images(observations)
         result = self._of_images(observations)
         result[as_it_is] = self._of_canonical(observations[as_it_is])
