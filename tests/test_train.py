@@ -254,7 +254,7 @@ def test_harvest__is_a_suite_of_lost_tasks_and_others(
     lost = about["lost"]
     assert 200 <= lost <= 1400  # of 1,536
     assert about["command"] == f"python -m train {shlex.join(map(str, harvest[:-1]))}"
-    assert 2 * (2.5 * lost) <= len(suite) <= 2 * (3 * lost)
+    assert 15.0 * lost <= len(suite) <= 17.5 * lost  # seven of each, a few of which touch, are 40 %
     network = unsure()
     parts = [play(Trial(0, part, 512, network, PAPER)) for part in range(3)]
     np.testing.assert_array_equal(suite.phi0[:lost], np.concatenate([p.phi0 for p in parts]))

@@ -90,7 +90,7 @@ def _converted(name: str, given: Any, default: Any, wanted: Any) -> Any:
     if isinstance(default, float) and type(given) is int:
         return float(given)
     if default is None:
-        return Path(given) if isinstance(given, str) else given
+        return Path(given) if isinstance(given, str) and Path in get_args(wanted) else given
     if type(given) is not type(default):
         raise InvalidInputError(name, given, f"a value of type {type(default).__name__}")
     return given

@@ -38,11 +38,11 @@ class Options:
     """Model file of the policy."""
     tasks: int = 1_000_000
     """Random tasks to play, in whole shards of 512."""
-    copies: int = 2
+    copies: int = 6
     """Tasks close to each lost one that are kept as well."""
-    spread: float = 0.02
+    spread: float = 0.03
     """Standard deviation of each joint's change in these [rad]."""
-    share: float = 0.5
+    share: float = 0.4
     """Share of lost tasks and those around them in what is written; the others are random ones."""
     seed: int = 0
     """Seed of the random tasks."""
