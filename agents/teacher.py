@@ -197,11 +197,12 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
+    student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
     for _ in range(_LONGEST):
-        if shard.student is None:
+        if student is None:
             decisions, chosen = _of_teacher(states, shard, scale, rng)
         else:
-            decisions, chosen = _of_student(states, shard, shard.student, rng)
+            decisions, chosen = _of_student(states, shard, student, rng)
         yield decisions
         going = np.flatnonzero(chosen >= 0)
         before = states.take(going)
@@ -245,7 +246,7 @@ def _of_teacher(
 
 
 def _of_student(
-    states: StateBatch, shard: Visit, student: Network, rng: np.random.Generator
+    states: StateBatch, shard: Visit, student: SymmetricNetwork, rng: np.random.Generator
 ) -> tuple[Decisions, IntArray]:
     """What is kept of some states, and the student's choices; -1 in a deadlock.
 
@@ -254,8 +255,7 @@ def _of_student(
     """
     params = shard.params
     mask = action_masks(states, "instant", params)
-    ranks = SymmetricNetwork(student, params.n_joints)(observe(states, params))
-    chosen = np.where(mask, ranks, -np.inf).argmax(axis=1)
+    chosen = np.where(mask, student(observe(states, params)), -np.inf).argmax(axis=1)
     prediction = predict_batch(states, chosen, params)
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
