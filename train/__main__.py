@@ -20,7 +20,7 @@ COMMANDS = {
     "imitate": "a policy network, from a teacher's costs of every mode",
     "ppo": "a policy by proximal policy optimisation",
     "dqn": "action values by deep Q-learning",
-    "harvest": "tasks that a policy loses, to learn from",
+    "harvest": "tasks that a policy loses to wrong choices, to learn from",
     "export": "ship the best model of a run with the package",
 }
 """What can be trained or made; each is a module of this package with ``Options`` and ``train``."""

@@ -30,7 +30,10 @@ _OTHERS = (0, 3)  # spawn key of the random numbers that no shard has
 
 @dataclass(frozen=True)
 class Options:
-    """Play random tasks by a policy's network; keep those that it loses, and what lies around them."""
+    """Play random tasks; keep those that a policy loses to choices that a look would have ruled out.
+
+    These, others close to them and random ones are a suite for train ppo and dqn --tasks.
+    """
 
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
