@@ -158,16 +158,20 @@ def test_lessons__that_are_no_use_are_refused(
     assert not (tmp_path / "run").exists()
 
 
-def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> None:
-    assert main(["export", str(run), "--into", str(tmp_path)]) == 0
+@pytest.mark.parametrize("which", ["best", "last"])
+def test_export__writes_model_manifest_and_card(which: str, run: Path, tmp_path: Path) -> None:
+    more = ["--last"] if which == "last" else []
+    assert main(["export", str(run), *more, "--into", str(tmp_path)]) == 0
     model = read_model(tmp_path / "imitate.safetensors")
-    np.testing.assert_array_equal(
-        model.network.weights[0], read_model(run / "best.safetensors").network.weights[0]
-    )
+    wanted = read_model(run / f"{which}.safetensors")
+    np.testing.assert_array_equal(model.network.weights[0], wanted.network.weights[0])
     card = (tmp_path / "imitate.md").read_text()
     assert "python -m train imitate --rounds 2" in card
     assert "| seed | 5 |" in card
-    assert f"raw {float(log(run)[0]['raw_success']):.1%}" in card or "raw" in card
+    validation = wanted.made["validation"]
+    assert f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s" in card
+    if which == "last":
+        assert validation["round"] == 2
     manifest = (tmp_path / "imitate.json").read_text()
     assert str(tmp_path) not in manifest  # the results' folder is nobody's business
     assert json.loads(manifest)["made"]["versions"]["torch"]

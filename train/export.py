@@ -57,6 +57,9 @@ class Options:
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Folder of a finished run of train."""
+    last: bool = False
+    """Ship the last model that was validated, not the best: where the tasks of the validation are too
+    few to tell a run's models apart."""
     name: str | None = None
     """Policy's name; default: the algorithm's, with -narrow and the joints where they differ."""
     into: Annotated[Path, tyro.conf.arg(metavar="DIR")] = (
@@ -68,7 +71,8 @@ class Options:
 def train(options: Options, console: Console) -> None:
     """Writes ``NAME.safetensors``, ``NAME.json`` and ``NAME.md``."""
     about = _about(options.run)
-    file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
+    wanted = ("last.safetensors",) if options.last else _FILES
+    file = next((options.run / f for f in wanted if (options.run / f).is_file()), None)
     if file is None:
         raise InvalidInputError("run", str(options.run), "a run that has a model already")
     model = read_model(file)

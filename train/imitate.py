@@ -138,16 +138,14 @@ def train(options: Options, console: Console) -> Path:
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
-        model = Model("policy", params.n_joints, network, made)
-        for file in (kept, folder.path / "last.safetensors"):
-            write_model(file, model)
+        write_model(kept, Model("policy", params.n_joints, network, made))
         row = {"round": number + 1}
         row |= {key: round(value, 5) for key, value in figures.items()}
         row |= options.validation(kept, params)
+        validated = Model("policy", params.n_joints, network, {**made, "validation": row})
+        write_model(folder.path / "last.safetensors", validated)
         if not rows or quality(row) > max(map(quality, rows)):
-            made["validation"] = row
-            best = folder.path / "best.safetensors"
-            write_model(best, Model("policy", params.n_joints, network, made))
+            write_model(folder.path / "best.safetensors", validated)
         rows.append(row)
         folder.write_rows(rows)
         stale = _kept(folder.path, number - 1)

@@ -169,16 +169,14 @@ def train(
             done = model.num_timesteps >= total
             if segment % loop.validate_every == 0 or done:
                 made = {"command": command(), "config": config, "timesteps": model.num_timesteps}
-                last = folder.path / "last.safetensors"
-                write_model(last, Model("policy", params.n_joints, algorithm.network(model), made))
+                last, network = folder.path / "last.safetensors", algorithm.network(model)
+                write_model(last, Model("policy", params.n_joints, network, made))
                 row |= validation(last, params)
+                validated = Model("policy", params.n_joints, network, {**made, "validation": row})
+                write_model(last, validated)
                 known = [quality(r) for r in rows if r.get("raw_success", "") != ""]
                 if not known or quality(row) > max(known):
-                    made["validation"] = row
-                    write_model(
-                        folder.path / "best.safetensors",
-                        Model("policy", params.n_joints, algorithm.network(model), made),
-                    )
+                    write_model(folder.path / "best.safetensors", validated)
                 console.print(_line(name, row), soft_wrap=True)
             rows.append(row)
             folder.write_rows(_same_columns(rows))
