@@ -7,7 +7,6 @@ than (21) is for a good part the way from one to the other through states, so it
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ from snake_env.blocks import LANES, BlockProgram, constants_of, traced_params
 from snake_env.features import features
 from snake_env.kernel import RUNNING, Kernel, get_kernel
 from snake_env.params import SnakeParams
-from snake_env.scalars import Scalar, absolute, both, negate, select
+from snake_env.scalars import Scalar, absolute, both, maximum, negate, select
 from snake_env.simulation import final_blocks
 from snake_env.state import FloatArray, IntArray, SnakeState
 from snake_env.tracing import Trace
@@ -31,12 +30,14 @@ class Ends:
     Attributes:
         executable: Which are feasible and let no links touch, shape (M,).
         reached: Which reach the target, shape (M,).
+        turn: How far the joint that turns most has turned at the end, shape (M,) [rad].
         observations: What an agent would see there, shape (M, observation_size); of no use where the
             mode is infeasible.
     """
 
     executable: NDArray[np.bool_]
     reached: NDArray[np.bool_]
+    turn: NDArray[np.float32]
     observations: NDArray[np.float32]
 
 
@@ -65,7 +66,8 @@ def ends(state: SnakeState, modes: IntArray, params: SnakeParams) -> Ends:
     return Ends(
         executable=(violation == RUNNING) & (np.sqrt(d2_min) >= params.d_touch),
         reached=results[:, 0] > params.n_joints,
-        observations=results[:, 1:],
+        turn=results[:, 1],
+        observations=results[:, 2:],
     )
 
 
@@ -81,12 +83,14 @@ class EndsProgram(BlockProgram):
         kernel = get_kernel(n_joints, head_contact)
         self._lane = slice(kernel.n_rows)
         self._goal = slice(kernel.n_rows, kernel.n_rows + n_joints)
-        self._scp_before = self._goal.stop
-        self._first = self._scp_before + 1
+        self._before = slice(self._goal.stop, self._goal.stop + n_joints)
+        self._first = self._before.stop
         trace = Trace()
-        rows = range(self._goal.start, self._goal.stop)
-        goal, scp_before = [trace.lane(row) for row in rows], trace.lane(self._scp_before)
-        results = _observed(kernel, trace, goal, scp_before, traced_params(trace, head_contact))
+        goal, before = (
+            [trace.lane(row) for row in range(rows.start, rows.stop)]
+            for rows in (self._goal, self._before)
+        )
+        results = _observed(kernel, trace, goal, before, traced_params(trace, head_contact))
         for row, result in enumerate(results, start=self._first):
             trace.store(row, result)
         n_rows = self._first + len(results)
@@ -95,11 +99,11 @@ class EndsProgram(BlockProgram):
     def __call__(
         self, lanes: FloatArray, state: SnakeState, params: SnakeParams
     ) -> NDArray[np.float32]:
-        """The phase and the observation at each end, shape (M, 1 + observation_size)."""
+        """Phase, largest turn and observation at each end, shape (M, 2 + observation_size)."""
         blocks = self.blocks(len(lanes) * self.lanes)
         blocks[:, self._lane] = lanes
         blocks[:, self._goal] = state.target[:, None]
-        blocks[:, self._scp_before] = state.phi[state.phase - 1]
+        blocks[:, self._before] = state.phi[:, None]
         if len(blocks):
             self.bind(blocks, constants_of(params))()
         results = np.empty((len(blocks), self.lanes, self.n_rows - self._first), np.float32)
@@ -108,16 +112,22 @@ class EndsProgram(BlockProgram):
 
 
 def _observed(
-    kernel: Kernel, trace: Trace, goal: Sequence[Scalar], scp_before: Scalar, p: SnakeParams
+    kernel: Kernel,
+    trace: Trace,
+    goal: Sequence[Scalar],
+    before: Sequence[Scalar],
+    p: SnakeParams,
 ) -> list[Scalar]:
-    """The phase and the observation after an interval; the phase is shifted where (18) holds."""
+    """What EndsProgram gives; the phase is shifted where (18) holds."""
     lane = kernel.traced(trace)
     scp = [lane.phase == float(k) for k in range(1, len(goal) + 1)]
     feasible = lane.violation == RUNNING
-    scp_angle, next_angle = lane.phi[-1], lane.phi[-1]
-    for is_scp, (angle, following) in zip(scp[:-1], itertools.pairwise(lane.phi), strict=True):
-        scp_angle = select(is_scp, angle, scp_angle)
-        next_angle = select(is_scp, following, next_angle)
+    turns = [angle - begun for angle, begun in zip(lane.phi, before, strict=True)]
+    scp_angle, next_angle, scp_turn = lane.phi[-1], lane.phi[-1], turns[-1]
+    for k, is_scp in enumerate(scp[:-1]):
+        scp_angle = select(is_scp, lane.phi[k], scp_angle)
+        next_angle = select(is_scp, lane.phi[k + 1], next_angle)
+        scp_turn = select(is_scp, turns[k], scp_turn)
     shift = both(feasible, absolute(scp_angle - lane.target) < p.epsilon_p)  # (18)
     duration = select(feasible, p.delta_t, lane.duration)
     lifted = [
@@ -133,10 +143,11 @@ def _observed(
         phase,
         select(shift, 0.0, lane.phase_time + duration),
         select(shift, next_angle, lane.ref_start),
-        scp_angle - scp_before,
+        scp_turn,
         lifted,
     )
-    return [phase, *(value for values in seen.values() for value in values)]
+    largest = functools.reduce(maximum, [absolute(turn) for turn in turns])
+    return [phase, largest, *(value for values in seen.values() for value in values)]
 
 
 @functools.cache

@@ -72,6 +72,8 @@ class FirstFeasiblePolicy:
 class ValuePolicy:
     """The feasible mode whose successor needs the fewest intervals: predicts all modes, as (21) does.
 
+    A network is not asked about modes that lead nowhere, as long as there are others.
+
     Args:
         params: The constants that it predicts with.
         value: Default: the shipped network ``value``, or what the planner is guided by.
@@ -104,8 +106,15 @@ class ValuePolicy:
             return tree.mode, lambda: value(tree.states)
         found = ends(state, valid, self.params)  # a network needs no more than what is seen there
         kept = np.flatnonzero(found.executable)
+        moving = kept[found.turn[kept] >= _CREEPING]
+        kept = moving if len(moving) else kept
         seen, reached = found.observations.take(kept, axis=0), found.reached[kept]
         return valid[kept], lambda: value.of_observed(seen, reached)
+
+
+_CREEPING = 0.01
+"""Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
+joint comes close to its limit, and a network that prefers one of them would do so again and again."""
 
 
 def _quick_value(params: SnakeParams) -> ValueFunction:

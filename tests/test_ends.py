@@ -31,6 +31,8 @@ def test_ends__are_those_of_the_successors(params: SnakeParams) -> None:
         seen, reached = found.observations[found.executable], found.reached[found.executable]
         np.testing.assert_array_equal(seen, observe(tree.states, params))
         assert reached.tolist() == (tree.states.phase > n).tolist()
+        turns = np.abs(tree.states.phi - state.phi).max(axis=1, initial=0.0)
+        np.testing.assert_array_equal(found.turn[found.executable], turns.astype(np.float32))
         assert not found.reached[~predict(state, modes, params).feasible].any()
         shifted += int((tree.states.phase > state.phase).sum())
         stayed += int((tree.states.phase == state.phase).sum())

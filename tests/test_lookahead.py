@@ -9,11 +9,14 @@ import pytest
 
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.lookahead import FAILURES, LookaheadPolicy
-from snake_env.model_file import read_model
+from snake_env.model_file import Model, read_model
 from snake_env.modes import mode_table
+from snake_env.network import Network
+from snake_env.observation import observation_rows, observation_size
 from snake_env.params import SnakeParams
 from snake_env.policies import ValuePolicy, load_policy
 from snake_env.policy import Policy
+from snake_env.search import expand
 from snake_env.simulation import advance, predict
 from snake_env.state import FloatArray, SnakeState, StateBatch
 from snake_env.tasks import random_suite
@@ -337,3 +340,25 @@ def test_value__holds_out_longest_where_nothing_is_feasible() -> None:
     duration = predict(HOPELESS, modes, NARROW).duration
     policy = load_policy("value", NARROW)
     assert policy.select_mode(HOPELESS) == modes[np.argmax(duration)]
+
+
+def test_value__does_not_stand_still_where_it_can_move() -> None:
+    size = observation_size(8)
+    names = [name for name, count in observation_rows(8) for _ in range(count)]
+    first = np.zeros((size, 2), dtype=np.float32)
+    first[names.index("last_turn")] = 1.0, -1.0  # by two rectifiers: the size of the SCP's turn
+    network = Network(
+        [first, np.ones((2, 1), np.float32)], [np.zeros(2, np.float32), np.zeros(1, np.float32)]
+    )
+    policy = ValuePolicy(PAPER, NetworkValue(Model("value", 8, network), PAPER))
+    avoided = 0
+    for seed in range(60):
+        state = random_state(seed, PAPER, 1)
+        state = state.replace(phi=np.append(state.phi[:-1], np.copysign(np.pi / 2, state.phi[-1])))
+        tree = expand(StateBatch.stack([state]), PAPER)
+        turn = np.abs(tree.states.phi - state.phi).max(axis=1, initial=0.0)
+        if not (turn >= 0.01).any():
+            continue
+        assert turn[tree.mode.tolist().index(policy.select_mode(state))] >= 0.01
+        avoided += int(turn[np.abs(tree.states.last_turn).argmin()] < 0.01)
+    assert avoided >= 3
