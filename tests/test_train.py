@@ -167,7 +167,7 @@ BAD = {
     "collect --student {tmp}": r"^model = .*: expected",
     "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
     "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
-    "harvest --policy {value}": r"^model\.kind = 'value': expected policy$",
+    "harvest --policy {lookahead}": r"^model\.kind = 'value': expected policy$",
     "harvest --policy {imitate} --set n_joints=5": r"^n_joints = 5: expected 8: the model's$",
     "harvest --policy {imitate} --tasks 0": r"^tasks = 0: expected a positive number$",
     "harvest --policy {imitate} --copies -1": r"^copies = -1: expected zero or a positive number$",
@@ -199,7 +199,7 @@ BAD = {
 def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "value")}
+    models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "lookahead")}
     arguments = [word.format(tmp=tmp_path, **models) for word in case.split()]
     out = () if case.startswith(("slove", "--seed")) else ("--out", tmp_path / "out")
     assert re.search(BAD[case], _refusal(capsys, *arguments[:1], *out, *arguments[1:]))
