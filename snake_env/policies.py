@@ -105,9 +105,9 @@ class ValuePolicy:
             tree = expand(StateBatch.stack([state]), self.params)
             return tree.mode, lambda: value(tree.states)
         found = ends(state, valid, self.params)  # a network needs no more than what is seen there
-        kept = np.flatnonzero(found.executable)
-        moving = kept[found.turn[kept] >= _CREEPING]
-        kept = moving if len(moving) else kept
+        kept = np.flatnonzero(found.executable & (found.turn >= _CREEPING))
+        if len(kept) == 0:
+            kept = np.flatnonzero(found.executable)
         seen, reached = found.observations.take(kept, axis=0), found.reached[kept]
         return valid[kept], lambda: value.of_observed(seen, reached)
 
