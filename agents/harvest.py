@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.teacher import preferred
 from snake_env.episode import STILL
-from snake_env.masks import action_masks
 from snake_env.network import Network
-from snake_env.observation import observe
 from snake_env.params import SnakeParams
 from snake_env.search import expand
 from snake_env.simulation import advance_batch, least_distances
@@ -69,9 +68,7 @@ def play(shard: Trial) -> Lost:
     states, task = StateBatch.initial(phi0, target, params), np.arange(shard.count)
     lost = np.zeros(shard.count, dtype=np.bool_)
     for _ in range(params.horizon):
-        mask = action_masks(states, "instant", params)
-        modes = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)
-        after, prediction = advance_batch(states, modes, params)
+        after, prediction = advance_batch(states, preferred(states, network, params), params)
         wrong = np.flatnonzero(~prediction.feasible | (prediction.d_min < params.d_touch))
         avoidable = np.unique(expand(states.take(wrong), params).parent)
         lost[task[wrong[avoidable]]] = True

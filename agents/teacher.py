@@ -254,8 +254,7 @@ def _of_student(
     judged, so that the others are cheap.
     """
     params = shard.params
-    mask = action_masks(states, "instant", params)
-    chosen = np.where(mask, student(observe(states, params)), -np.inf).argmax(axis=1)
+    chosen = preferred(states, student, params)
     prediction = predict_batch(states, chosen, params)
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
@@ -264,6 +263,13 @@ def _of_student(
     best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
     chosen[wrong] = best[wrong[rows]]
     return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
+
+
+def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams) -> IntArray:
+    """The modes that a policy's network prefers of those that are stable at t_k, shape (N,)."""
+    mask = action_masks(states, "instant", params)
+    modes: IntArray = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)
+    return modes
 
 
 def _judged(states: StateBatch, shard: Visit) -> Decisions:

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.blocks import LANES, BlockProgram, constants_of, traced_params
+from snake_env.blocks import constants_of
 from snake_env.features import features
 from snake_env.kernel import RUNNING, Kernel, get_kernel
+from snake_env.lane_function import LaneFunction
 from snake_env.params import SnakeParams
 from snake_env.scalars import Scalar, absolute, both, maximum, negate, select
 from snake_env.simulation import final_blocks
 from snake_env.state import FloatArray, IntArray, SnakeState
-from snake_env.tracing import Trace
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def ends(state: SnakeState, modes: IntArray, params: SnakeParams) -> Ends:
     )
 
 
-class EndsProgram(BlockProgram):
+class EndsProgram(LaneFunction):
     """From lanes at the end of an interval, as the kernel leaves them, to observations.
 
     Args:
@@ -80,21 +80,11 @@ class EndsProgram(BlockProgram):
     """
 
     def __init__(self, n_joints: int, head_contact: bool) -> None:
-        kernel = get_kernel(n_joints, head_contact)
-        self._lane = slice(kernel.n_rows)
-        self._goal = slice(kernel.n_rows, kernel.n_rows + n_joints)
-        self._before = slice(self._goal.stop, self._goal.stop + n_joints)
-        self._first = self._before.stop
-        trace = Trace()
-        goal, before = (
-            [trace.lane(row) for row in range(rows.start, rows.stop)]
-            for rows in (self._goal, self._before)
-        )
-        results = _observed(kernel, trace, goal, before, traced_params(trace, head_contact))
-        for row, result in enumerate(results, start=self._first):
-            trace.store(row, result)
-        n_rows = self._first + len(results)
-        super().__init__(Trace(), trace, n_rows, 0, LANES, f"the ends of {n_joints} joints")
+        kernel, n = get_kernel(n_joints, head_contact), n_joints
+        lengths = (kernel.n_rows, n, n)  # the lane, its target, its shape before the interval
+        what = f"the ends of {n} joints"
+        super().__init__(functools.partial(_observed, kernel), lengths, head_contact, what)
+        self._lane, self._target, self._before = self.rows
 
     def __call__(
         self, lanes: FloatArray, state: SnakeState, params: SnakeParams
@@ -102,24 +92,22 @@ class EndsProgram(BlockProgram):
         """Phase, largest turn and observation at each end, shape (M, 2 + observation_size)."""
         blocks = self.blocks(len(lanes) * self.lanes)
         blocks[:, self._lane] = lanes
-        blocks[:, self._goal] = state.target[:, None]
+        blocks[:, self._target] = state.target[:, None]
         blocks[:, self._before] = state.phi[:, None]
         if len(blocks):
             self.bind(blocks, constants_of(params))()
-        results = np.empty((len(blocks), self.lanes, self.n_rows - self._first), np.float32)
-        results[:] = blocks[:, self._first :].transpose(0, 2, 1)
-        return results.reshape(-1, results.shape[2])
+        return self.results(blocks, np.float32)
 
 
 def _observed(
     kernel: Kernel,
-    trace: Trace,
+    p: SnakeParams,
+    rows: Sequence[Scalar],
     goal: Sequence[Scalar],
     before: Sequence[Scalar],
-    p: SnakeParams,
 ) -> list[Scalar]:
     """What EndsProgram gives; the phase is shifted where (18) holds."""
-    lane = kernel.traced(trace)
+    lane = kernel.lane(rows)
     scp = [lane.phase == float(k) for k in range(1, len(goal) + 1)]
     feasible = lane.violation == RUNNING
     turns = [angle - begun for angle, begun in zip(lane.phi, before, strict=True)]

@@ -135,22 +135,19 @@ class Kernel(BlockProgram):
     def __init__(self, n_joints: int, head_contact: bool, lanes: int = LANES) -> None:
         self.rows = layout(n_joints)
         loop, last = Trace(), Trace()
-        lane = self.traced(loop)
+        n_rows = max(rows.stop for rows in self.rows.values())
+        lane = self.lane([loop.lane(row) for row in range(n_rows)])
         sub_step(lane, loop.clock(0), loop.clock(1), traced_params(loop, head_contact))
         self._store(loop, lane)
-        lane = self.traced(last)
+        lane = self.lane([last.lane(row) for row in range(n_rows)])
         visit(lane, traced_params(last, head_contact))
         self._store(last, lane)
-        n_rows = max(rows.stop for rows in self.rows.values())
         running = self.rows["violation"].start
         super().__init__(loop, last, n_rows, running, lanes, f"{n_joints} joints")
 
-    def traced(self, trace: Trace) -> Lane:
-        """A lane whose values are loads from the lane buffer."""
-        values = {
-            name: [trace.lane(row) for row in range(rows.start, rows.stop)]
-            for name, rows in self.rows.items()
-        }
+    def lane(self, values_by_row: Sequence[Scalar]) -> Lane:
+        """A lane of the values in the rows of a block."""
+        values = {name: list(values_by_row[rows]) for name, rows in self.rows.items()}
         lists = ("phi", "w", "u", "grounded", "wheels")
         fields = {name: v if name in lists else v[0] for name, v in values.items()}
         return Lane(**fields)  # type: ignore[arg-type]

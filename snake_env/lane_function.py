@@ -30,6 +30,10 @@ class LaneFunction(BlockProgram):
         lengths: How many scalars there are in each argument.
         head_contact: That of the constants.
         what: Name for the announcement of the compilation.
+
+    Attributes:
+        rows: Rows of a block that hold each argument.
+        n_arguments: How many they are; the results follow them.
     """
 
     def __init__(
@@ -42,11 +46,11 @@ class LaneFunction(BlockProgram):
         trace = Trace()
         edges = [0, *itertools.accumulate(lengths)]
         self.n_arguments = edges[-1]
-        self._rows = [slice(*pair) for pair in itertools.pairwise(edges)]
+        self.rows = [slice(*pair) for pair in itertools.pairwise(edges)]
         loads = [trace.lane(row) for row in range(self.n_arguments)]
         arguments = [
             loads[rows] if length > 1 else loads[rows.start]
-            for rows, length in zip(self._rows, lengths, strict=True)
+            for rows, length in zip(self.rows, lengths, strict=True)
         ]
         results = function(traced_params(trace, head_contact), *arguments)
         for row, result in enumerate(results, start=self.n_arguments):
@@ -69,14 +73,18 @@ class LaneFunction(BlockProgram):
         count = len(arguments[0])
         blocks = self.blocks(count)
         lanes = np.zeros((self.n_arguments, len(blocks) * self.lanes))
-        for rows, argument in zip(self._rows, arguments, strict=True):
+        for rows, argument in zip(self.rows, arguments, strict=True):
             lanes[rows, :count] = argument.T
         by_block = lanes.reshape(self.n_arguments, len(blocks), self.lanes)
         blocks[:, : self.n_arguments] = by_block.transpose(1, 0, 2)
         self.run(blocks, constants_of(params), clock_of(params)[:0])
+        return self.results(blocks, dtype)[:count]
+
+    def results(self, blocks: NDArray[np.float64], dtype: DTypeLike) -> NDArray[Any]:
+        """The results in blocks that have been run: a row for each lane, padding included."""
         results = np.empty((len(blocks), self.lanes, self.n_rows - self.n_arguments), dtype)
         results[:] = blocks[:, self.n_arguments :].transpose(0, 2, 1)
-        return results.reshape(-1, results.shape[2])[:count]
+        return results.reshape(-1, results.shape[2])
 
     def of_one(
         self, params: SnakeParams, arguments: Sequence[ArrayLike], dtype: DTypeLike
@@ -92,7 +100,7 @@ class LaneFunction(BlockProgram):
             Shape (n_results,), freshly allocated.
         """
         lane = _lane(self, params, threading.get_ident())
-        for rows, argument in zip(self._rows, arguments, strict=True):
+        for rows, argument in zip(self.rows, arguments, strict=True):
             lane.arguments[rows] = argument
         lane.compute()
         return lane.results.astype(dtype)

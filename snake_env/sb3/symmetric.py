@@ -35,8 +35,8 @@ def mean_of_both(outputs: torch.Tensor) -> torch.Tensor:
     return 0.5 * (of_states + of_images)
 
 
-class Symmetric(nn.Module):
-    """A network that is asked about observations and about their mirror images.
+class _Asked(nn.Module):
+    """A network, and what makes mirror images for it.
 
     Args:
         network: Linear layers with rectifiers between them; the first takes observations.
@@ -48,30 +48,22 @@ class Symmetric(nn.Module):
         first = network[0]
         assert isinstance(first, nn.Linear)
         self._mirror = Mirror(first.in_features)
+
+
+class Symmetric(_Asked):
+    """A network that is asked about observations and about their mirror images."""
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """The mean of the answers, shape (N, outputs)."""
         return mean_of_both(self.network(self._mirror(observations)))
 
 
-class Canonical(nn.Module):
-    """A network that is asked about one image of each state, as CanonicalNetwork.
-
-    Args:
-        network: Linear layers with rectifiers between them; the first takes observations.
-    """
-
-    def __init__(self, network: nn.Sequential) -> None:
-        super().__init__()
-        self.network = network
-        first = network[0]
-        assert isinstance(first, nn.Linear)
-        self._mirror = Mirror(first.in_features)
-        self._telling = telling(first.in_features)
+class Canonical(_Asked):
+    """A network that is asked about one image of each state, as CanonicalNetwork."""
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Its answers, shape (N, outputs)."""
         as_they_are, images = self._mirror(observations).chunk(2)
-        canonical = observations[:, self._telling, None] >= 0.0
+        canonical = observations[:, telling(observations.shape[1]), None] >= 0.0
         answers: torch.Tensor = self.network(torch.where(canonical, as_they_are, images))
         return answers
