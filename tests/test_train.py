@@ -1,4 +1,4 @@
-"""``python -m train``: what solve, collect and value make, refuse and survive."""
+"""``python -m train``: what solve and value make, refuse and survive."""
 
 import csv
 import importlib
@@ -16,14 +16,11 @@ import numpy as np
 import pytest
 import torch
 
-import train.collect
 import train.value
 from agents.best_known import COLUMNS, Problem, replay, solve
 from agents.harvest import Trial, play
-from agents.teacher_data import read_manifest, read_shard, shards
 from evaluate.engine import Engine
 from snake_env.model_file import Model, read_model, write_model
-from snake_env.modes import mode_table
 from snake_env.network import Network
 from snake_env.observation import observation_size
 from snake_env.params import SnakeParams
@@ -40,7 +37,6 @@ ROOT = Path(__file__).resolve().parent.parent
 TUNED = sorted((ROOT / "agents" / "tuned").glob("*.yaml"))
 QUICK = ("--set", "n_joints=5", "--workers", "1")
 SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
-COLLECT = ("collect", "--decisions", "400", "--seed", "3", *QUICK, "--out")  # 3 shards of 150
 IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
 HARVEST = ("harvest", "--tasks", "1500", "--workers", "1", "--policy")  # 3 shards
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
@@ -123,7 +119,7 @@ def test_help__names_every_command(
         assert re.search(rf"^  {name} +{re.escape(what)}$", stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["solve", "collect", "value", "harvest"])
+@pytest.mark.parametrize("command", ["solve", "value", "harvest"])
 def test_help__of_a_command_names_its_options(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +133,7 @@ def test_help__of_a_command_names_its_options(
 
 
 BAD = {
-    "slove": r"^unknown command 'slove': did you mean 'solve'\? known: .*collect",
+    "slove": r"^unknown command 'slove': did you mean 'solve'\? known: .*value",
     "--seed 3": r"^unknown command '--seed'",
     "solve --budgte 5": r"--budget",
     "solve --budget": r"--budget",
@@ -155,16 +151,7 @@ BAD = {
     "solve --tasks random:2 --resume": r"^resume = .*: expected a folder with an interrupted run$",
     "solve --tasks random:2 --improve {tmp}/none.csv": r"none\.csv.*No such file",
     "solve --tasks random:2 --improve {tmp}": r"^improve = .*Is a directory",
-    "collect --decisions 0": r"^decisions = 0: expected at least 1$",
-    "collect --depth -1": r"^depth = -1: expected at least 0$",
-    "collect --seed -1": r"^seed = -1: expected at least 0$",
-    "collect --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
     "imitate --near-limits 1.5": r"^near_limits = 1\.5: expected a number from 0 to 1$",
-    "collect --overweight nan": r"^overweight = nan: expected at least 1$",
-    "collect --teacher analitic": r"analitic",
-    "collect --workers -2": r"^workers = -2: expected a positive number, or -1",
-    "collect --student {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
-    "collect --student {tmp}": r"^model = .*: expected",
     "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
     "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.json'.*No such file",
     "harvest --policy {lookahead}": r"^model\.kind = 'value': expected policy$",
@@ -445,185 +432,6 @@ def test_solve__does_without_plans_that_lead_nowhere(
     _good(*quick, tmp_path / "out", "--improve", tmp_path / "a.csv")
     _good(*quick, tmp_path / "without")
     assert _plans(tmp_path / "out") == _plans(tmp_path / "without")
-
-
-# collect
-
-
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Makes shards of 150 decisions: some intervals of 64 episodes."""
-    monkeypatch.setattr(train.collect, "SHARD", 150)
-
-
-@pytest.fixture(scope="module")
-def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three shards, made without interruption."""
-    folder = tmp_path_factory.mktemp("collected") / "new" / "data"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train.collect, "SHARD", 150)
-        _good(*COLLECT, folder)
-    return folder
-
-
-def _shards(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.glob("shard-*"))}
-
-
-def test_collect__makes_whole_shards(collected: Path) -> None:
-    names = {"teacher.json", *(f"shard-0000{part}.npz" for part in range(3))}
-    assert _names(collected) == names
-    assert [len(part) for part in shards(collected)] == [150, 150, 150]
-    manifest = read_manifest(collected)
-    assert {key: manifest[key] for key in ("teacher", "depth", "student", "seed")} == {
-        "teacher": "lookahead", "depth": 0, "student": None, "seed": 3,
-    }  # fmt: skip
-    assert (manifest["overweight"], manifest["mirror"]) == (1.0, False)
-    assert manifest["params"]["n_joints"] == 5
-    assert manifest["command"].startswith("python -m train")
-
-
-def test_collect__is_reproducible_to_the_byte(collected: Path, tmp_path: Path, small: None) -> None:
-    _good(*COLLECT, tmp_path)
-    assert _shards(tmp_path) == _shards(collected)
-
-
-@pytest.mark.parametrize("after", [0, 1, 2])
-def test_collect__that_is_interrupted_is_completed_by_the_same_command(
-    after: int,
-    collected: Path,
-    tmp_path: Path,
-    small: None,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    _interrupt(after, *COLLECT, tmp_path)
-    assert f"{after} of 3 shards are in {tmp_path}\n" in capsys.readouterr().out
-    assert len(_shards(tmp_path)) == after
-    with pytest.MonkeyPatch.context() as patch:
-        engine = _Interrupted(3 - after)
-        patch.setattr(Engine, "map", engine)
-        _good(*COLLECT, tmp_path)
-        assert engine.left == 0
-    assert _shards(tmp_path) == _shards(collected)
-    assert f"450 decisions: {tmp_path}\n" in capsys.readouterr().out
-    before = _tree(tmp_path)
-    _interrupt(0, *COLLECT, tmp_path, "--decisions", 451)
-    assert _tree(tmp_path) == before
-    _good(*COLLECT, tmp_path)  # nothing is left to do
-    assert _tree(tmp_path) == before
-
-
-def test_collect__makes_a_missing_shard_again_and_adds_more(
-    collected: Path, tmp_path: Path, small: None
-) -> None:
-    _good(*COLLECT, tmp_path, "--decisions", 151)
-    assert len(_shards(tmp_path)) == 2
-    (tmp_path / "shard-00000.npz").unlink()
-    _good(*COLLECT, tmp_path)
-    assert _shards(tmp_path) == _shards(collected)
-
-
-def test_collect__mirrors_on_top(collected: Path, tmp_path: Path, small: None) -> None:
-    _good(*COLLECT, tmp_path, "--mirror", "--decisions", 150)
-    both, plain = (
-        read_shard(tmp_path / "shard-00000.npz"),
-        read_shard(collected / "shard-00000.npz"),
-    )
-    assert len(both) == 300
-    assert np.array_equal(both.states.phi, np.concatenate([plain.states.phi, -plain.states.phi]))
-
-
-OTHERS = [
-    (("--seed", "4"), "seed"),
-    (("--teacher", "analytic"), "teacher"),
-    (("--depth", "1"), "depth"),
-    (("--overweight", "2"), "overweight"),
-    (("--mirror",), "mirror"),
-    (("--set", "a_c=70"), "params"),
-    (("--preset", "narrow"), "params"),
-    (("--student", "{student}"), "student"),
-    (("--seed", "4", "--depth", "1"), "depth, seed"),
-]
-
-
-def _student(path: Path, kind: str = "policy", n_joints: int = 5) -> Path:
-    sizes = observation_size(n_joints), len(mode_table(n_joints)) if kind == "policy" else 1
-    weights = np.random.default_rng(0).normal(size=sizes).astype(np.float32)
-    network = Network([weights], [np.zeros(sizes[1], np.float32)])
-    write_model(path, Model(kind, n_joints, network))  # type: ignore[arg-type]
-    return path
-
-
-@pytest.mark.parametrize(("changes", "named"), OTHERS)
-def test_collect__refuses_to_mix_data(
-    changes: tuple[str, ...],
-    named: str,
-    collected: Path,
-    tmp_path: Path,
-    small: None,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    student = str(_student(tmp_path / "student.safetensors"))
-    given = [text.replace("{student}", student) for text in changes]
-    before = _tree(collected)
-    told = _refusal(capsys, *COLLECT, collected, *given)
-    assert told.startswith("out = ")
-    assert told.endswith(f"a folder made with the same options (these differ: {named})")
-    assert _tree(collected) == before
-
-
-def test_collect__refuses_a_folder_of_other_things(
-    tmp_path: Path, small: None, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    told = _refusal(capsys, *COLLECT, tmp_path)
-    assert told.endswith("expected an empty folder, or one of teacher data")
-    assert _names(tmp_path) == {"notes.txt"}
-    (tmp_path / "teacher.json").write_text('{"schema": 99}')
-    assert "schema 1" in _refusal(capsys, *COLLECT, tmp_path)
-    told = _refusal(capsys, *COLLECT, tmp_path / "notes.txt" / "below")
-    assert "expected a folder to write to" in told
-
-
-def test_collect__reports_a_damaged_shard_before_any_work(
-    tmp_path: Path, small: None, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _interrupt(2, *COLLECT, tmp_path)
-    path = tmp_path / "shard-00001.npz"
-    path.write_bytes(path.read_bytes()[:500])
-    before = _tree(tmp_path)
-    told = _refusal(capsys, *COLLECT, tmp_path)
-    assert told.startswith("shard = ")
-    assert told.endswith("without the file, collect makes it again")
-    assert _tree(tmp_path) == before
-    path.unlink()
-    _good(*COLLECT, tmp_path)
-    assert len(list(shards(tmp_path))) == 3
-
-
-def test_collect__visits_a_students_states(
-    tmp_path: Path, small: None, collected: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    student = _student(tmp_path / "student.safetensors")
-    _good(*COLLECT, tmp_path / "data", "--student", student)
-    own, teachers = (list(shards(folder)) for folder in (tmp_path / "data", collected))
-    assert not all(
-        np.array_equal(one.states.phi, other.states.phi)
-        for one, other in zip(own, teachers, strict=True)
-    )
-    assert read_manifest(tmp_path / "data")["student"] == read_model(student).sha256
-
-
-@pytest.mark.parametrize(
-    ("kind", "n_joints", "named"),
-    [("value", 5, "the model of a policy"), ("policy", 6, "n_joints = 5: expected 6")],
-)
-def test_collect__refuses_students_that_cannot_play(
-    kind: str, n_joints: int, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    student = _student(tmp_path / "model.safetensors", kind, n_joints)
-    assert named in _refusal(capsys, *COLLECT, tmp_path / "out", "--student", student)
-    assert not (tmp_path / "out").exists()
 
 
 # value

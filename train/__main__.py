@@ -15,7 +15,6 @@ from train.run import Run, begin
 
 COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
-    "collect": "decisions of a teacher, with the cost-to-go of every mode",
     "value": "the cost-to-go network that guides the planner",
     "imitate": "a policy network, from a teacher's costs of every mode",
     "ppo": "a policy by proximal policy optimisation",
