@@ -15,11 +15,11 @@ import joblib
 import tyro
 
 from snake_env.modes import mode_table
-from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import SnakeParams
-from snake_env.simulation import advance
+from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.sim.simulation import advance
+from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from snake_env.tasks import load_tasks
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from snake_env.errors import InvalidModeError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.search import Budget, Plan, analytic_plan, beam_search, expand, noise_of
-from snake_env.simulation import advance
+from snake_env.policies.search import Budget, Plan, analytic_plan, beam_search, expand, noise_of
+from snake_env.policies.value import PhaseValue, load_value
+from snake_env.sim.simulation import advance
 from snake_env.state import SnakeState, StateBatch
-from snake_env.value import PhaseValue, load_value
 
 FIRST_WIDTH, LAST_WIDTH = 8, 65_536
 COLUMNS = (

@@ -13,7 +13,7 @@ from torch import nn
 
 from agents.checks import check_hidden, check_positive, check_share
 from agents.mlp import PREFERENCE, falling, linear_layers, load_weights, scaled, to_numpy
-from snake_env.network import Network
+from snake_env.networks.network import Network
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
 
 _BUFFER = ("actions", "rewards", "dones", "timeouts")

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.teacher import preferred
-from snake_env.episode import STILL
-from snake_env.network import Network
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.params import SnakeParams
-from snake_env.search import expand
-from snake_env.simulation import advance_batch, least_distances
+from snake_env.policies.search import expand
+from snake_env.sim.episode import STILL
+from snake_env.sim.simulation import advance_batch, least_distances
+from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, StateBatch
-from snake_env.symmetry import SymmetricNetwork
-from snake_env.tasks import random_tasks
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,10 +24,10 @@ from agents.mlp import PREFERENCE, batches, build, from_numpy, linear_layers, sc
 from agents.teacher import Decisions
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
-from snake_env.network import Network
-from snake_env.observation import observation_size, observe
+from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3.symmetric import Symmetric
+from snake_env.sim.observation import observation_size, observe
 
 REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
 """What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from snake_env.errors import InvalidInputError
-from snake_env.network import Network
+from snake_env.networks.network import Network
 
 PREFERENCE = 0.03
 """What a preference of one is worth in reward: preferences times this are action values.

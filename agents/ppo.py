@@ -14,7 +14,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.checks import check_hidden, check_positive, check_share
 from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
-from snake_env.network import Network
+from snake_env.networks.network import Network
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
 
 

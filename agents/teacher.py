@@ -10,18 +10,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.episode import STILL
-from snake_env.masks import action_masks
 from snake_env.modes import mode_table
-from snake_env.network import Network
-from snake_env.observation import observe
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.params import SnakeParams
-from snake_env.search import best_of_each, expand
-from snake_env.simulation import advance_batch, least_distances, predict_batch
+from snake_env.policies.search import best_of_each, expand
+from snake_env.policies.value import ValueFunction, load_value, network_value
+from snake_env.sim.episode import STILL
+from snake_env.sim.masks import action_masks
+from snake_env.sim.observation import observe
+from snake_env.sim.simulation import advance_batch, least_distances, predict_batch
+from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
-from snake_env.symmetry import SymmetricNetwork
-from snake_env.tasks import random_tasks
-from snake_env.value import ValueFunction, load_value, network_value
 
 Teacher = Literal["lookahead", "analytic"]
 FAILURE = 30.0

@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
 from snake_env.errors import InvalidInputError
-from snake_env.network import Network
-from snake_env.observation import observation_size, observe
+from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
+from snake_env.policies.search import best_of_each, expand
+from snake_env.policies.value import PhaseValue, ValueFunction, network_value
 from snake_env.sb3.symmetric import Canonical, Symmetric
-from snake_env.search import best_of_each, expand
+from snake_env.sim.observation import observation_size, observe
+from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
-from snake_env.tasks import random_tasks
-from snake_env.value import PhaseValue, ValueFunction, network_value
 
 FAILURE = 30.0
 """What a state is worth from which the target is not reached [intervals]."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-from snake_env.env import SnakeModeSelectionEnv
+from snake_env.envs import SnakeModeSelectionEnv
 
 _HEAD = """# The environment
 

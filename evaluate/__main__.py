@@ -27,8 +27,8 @@ from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish, write_videos
 from snake_env.params import SnakeParams
-from snake_env.programs import warm_up
-from snake_env.tasks import TaskSuite, load_tasks
+from snake_env.policies.warm_up import warm_up
+from snake_env.sim.tasks import TaskSuite, load_tasks
 
 _MOST_TASKS = 16  # in a shard, so that handing it out costs little beside doing it
 _LEAST_SHARDS = 100  # so that all workers are busy to the end, and a killed run loses little

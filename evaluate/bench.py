@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
-from snake_env.blocks import clock_of, constants_of
-from snake_env.compiler import CACHE_VARIABLE
-from snake_env.kernel import (
+from snake_env.kernel.blocks import clock_of, constants_of
+from snake_env.kernel.compiler import CACHE_VARIABLE
+from snake_env.kernel.interval import (
     PADDING,
     RUNNING,
     Kernel,
@@ -28,12 +28,12 @@ from snake_env.kernel import (
     sub_step,
 )
 from snake_env.modes import mode_table
-from snake_env.optimizer import AnalyticOptimizer
 from snake_env.params import N_JOINTS_RANGE, SnakeParams
-from snake_env.policies import load_policy
-from snake_env.simulation import float_lane, predict
+from snake_env.policies.registry import load_policy
+from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.sim.simulation import float_lane, predict
+from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from snake_env.tasks import load_tasks
 from tests import oracle
 
 _REPEATS = 15

@@ -20,9 +20,9 @@ from evaluate.rows import Rows, pack, parsed
 from evaluate.store import PARTIAL, new_folder, write_results
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
+from snake_env.envs.slip import check_slip
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
-from snake_env.slip import check_slip
 
 _PACKED_AT_ONCE = 1000  # rows
 

@@ -17,7 +17,7 @@ from evaluate.outside import make_policy
 from evaluate.protocol import SKID, Row
 from evaluate.replay import floor_of, modes_of
 from snake_env.params import SnakeParams
-from snake_env.tasks import TaskSuite
+from snake_env.sim.tasks import TaskSuite
 
 DECISIONS = 300
 """Decisions that are measured of each policy ..."""

@@ -18,9 +18,9 @@ import tyro
 from evaluate.deadline import check_limit
 from evaluate.engine import Engine
 from evaluate.outside import is_outside
+from snake_env.envs.slip import NO_SLIP, check_slip
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
-from snake_env.slip import NO_SLIP, check_slip
 
 Assignments = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]

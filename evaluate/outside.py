@@ -8,9 +8,9 @@ from typing import Any
 
 from snake_env.errors import InvalidInputError, as_integer
 from snake_env.params import SnakeParams
-from snake_env.policies import POLICIES, SHIELD, load_policy
-from snake_env.policy import Policy
-from snake_env.shield import ShieldedPolicy
+from snake_env.policies.base import Policy
+from snake_env.policies.registry import POLICIES, SHIELD, load_policy
+from snake_env.policies.shield import ShieldedPolicy
 
 _OUTSIDE = re.compile(r"([A-Za-z_][\w.]*):([A-Za-z_]\w*)")
 

@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 
 from evaluate.protocol import SKID, Row, Shard, run_shard
 from evaluate.replay import Replay, replay, slip_of
-from snake_env.drawing import (
+from snake_env.errors import InvalidInputError
+from snake_env.params import SnakeParams
+from snake_env.rendering.drawing import (
     BODY,
     GRAVITY,
     GROUNDED,
@@ -25,9 +27,7 @@ from snake_env.drawing import (
     draw_robot,
     geometry,
 )
-from snake_env.errors import InvalidInputError
-from snake_env.params import SnakeParams
-from snake_env.tasks import load_tasks
+from snake_env.sim.tasks import load_tasks
 
 _STYLE: dict[str, Any] = {
     "font.size": 9,

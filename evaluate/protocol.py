@@ -10,14 +10,14 @@ import numpy as np
 
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import in_one_line, make_policy
-from snake_env.episode import Episode, EpisodeSummary
+from snake_env.envs.slip import NO_SLIP, Floor, Slip
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policy import Policy
-from snake_env.simulation import predict
-from snake_env.skid import skid
-from snake_env.slip import NO_SLIP, Floor, Slip
+from snake_env.policies.base import Policy
+from snake_env.policies.skid import skid
+from snake_env.sim.episode import Episode, EpisodeSummary
+from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState
 
 SKID = "skid"

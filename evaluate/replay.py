@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from evaluate.protocol import Row
-from snake_env.drawing import lifted_wheels
+from snake_env.envs.slip import Floor, Slip
 from snake_env.params import SnakeParams
-from snake_env.simulation import Trajectory, trajectories
-from snake_env.slip import Floor, Slip
+from snake_env.rendering.drawing import lifted_wheels
+from snake_env.sim.simulation import Trajectory, trajectories
 from snake_env.state import SnakeState, StateBatch
 
 

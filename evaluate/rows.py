@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluate.protocol import COLUMNS, Row
-from snake_env.episode import OUTCOMES, EpisodeSummary
+from snake_env.sim.episode import OUTCOMES, EpisodeSummary
 
 _KINDS: dict[Any, type] = {"int": np.int64, "float": np.float64}  # texts are references
 _READ: dict[Any, Any] = {"int": int, "float": float}

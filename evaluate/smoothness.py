@@ -20,9 +20,9 @@ from evaluate.options import Assignments, parse, parse_overrides
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from snake_env.params import SnakeParams
-from snake_env.policies import load_policy
+from snake_env.policies.registry import load_policy
+from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from snake_env.tasks import load_tasks
 
 
 @dataclass(frozen=True)

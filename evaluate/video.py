@@ -13,11 +13,18 @@ from evaluate.protocol import Row
 from evaluate.report.episodes import Choice, fastest_other, that_choose
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
-from snake_env.drawing import INK, geometry
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.rendering import FRAME_EVERY_S, FRAMES_PER_SECOND, HEIGHT, WIDTH, Painter, Scene
-from snake_env.tasks import TaskSuite
+from snake_env.rendering.drawing import INK, geometry
+from snake_env.rendering.rendering import (
+    FRAME_EVERY_S,
+    FRAMES_PER_SECOND,
+    HEIGHT,
+    WIDTH,
+    Painter,
+    Scene,
+)
+from snake_env.sim.tasks import TaskSuite
 
 if TYPE_CHECKING:
     from PIL import Image

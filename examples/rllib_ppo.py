@@ -18,7 +18,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
 from ray.tune.registry import register_env
 
-from snake_env.wrappers import ActionMaskObservation
+from snake_env.envs import ActionMaskObservation
 
 # The first simulation of the paper: a single task, so that learning shows within a minute.
 TASK = {"task_suite": "sim-1"}

@@ -2,7 +2,7 @@
 
 SB3's DQN knows no masks either. ``mask_in_observation`` shows it the mask beside the observation, and
 ``on_infeasible="reject"`` lets it try what is forbidden at the price of some time. (For a single env,
-``snake_env.wrappers.ActionMaskObservation(env, "sb3")`` gives the same observations.)
+``snake_env.envs.ActionMaskObservation(env, "sb3")`` gives the same observations.)
 
     pip install snake-mode-env[train]
     python examples/sb3_dqn.py --steps 60000

@@ -21,7 +21,7 @@ from tianshou.env import DummyVectorEnv
 from tianshou.trainer import OffPolicyTrainerParams
 from tianshou.utils.net.common import Net
 
-from snake_env.wrappers import ActionMaskObservation
+from snake_env.envs import ActionMaskObservation
 
 # The first simulation of the paper: a single task, so that learning shows within a minute.
 TASK = {"task_suite": "sim-1", "horizon": 30}

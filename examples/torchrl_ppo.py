@@ -19,7 +19,7 @@ from torchrl.modules import MLP, MaskedCategorical, ProbabilisticActor, ValueOpe
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from snake_env.wrappers import ActionMaskObservation
+from snake_env.envs import ActionMaskObservation
 
 # The first simulation of the paper: a single task, so that learning shows within a minute.
 TASK = {"task_suite": "sim-1"}

@@ -7,7 +7,6 @@ The physics: :class:`SnakeParams`, :class:`SnakeState`, :class:`ModeTable`, :fun
 
 import gymnasium
 
-from snake_env.blocks import set_num_threads
 from snake_env.errors import (
     InvalidInputError,
     InvalidModeError,
@@ -15,12 +14,13 @@ from snake_env.errors import (
     SnakeEnvError,
     UnknownNameError,
 )
+from snake_env.kernel.blocks import set_num_threads
 from snake_env.modes import ModeTable
-from snake_env.optimizer import AnalyticOptimizer, Selection
 from snake_env.params import SnakeParams
-from snake_env.policies import load_policy
-from snake_env.policy import Policy
-from snake_env.simulation import (
+from snake_env.policies.base import Policy
+from snake_env.policies.registry import load_policy
+from snake_env.sim.optimizer import AnalyticOptimizer, Selection
+from snake_env.sim.simulation import (
     Prediction,
     Trajectory,
     advance,
@@ -31,8 +31,8 @@ from snake_env.simulation import (
     predict_batch,
     trajectory,
 )
+from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.state import SnakeState, StateBatch
-from snake_env.tasks import TaskSuite, load_tasks
 
 __version__ = "0.1.0"
 
@@ -71,7 +71,7 @@ for _id, _preset in (
 ):
     gymnasium.register(
         id=_id,
-        entry_point="snake_env.env:SnakeModeSelectionEnv",
-        vector_entry_point="snake_env.vector_env:SnakeModeSelectionVectorEnv",
+        entry_point="snake_env.envs:SnakeModeSelectionEnv",
+        vector_entry_point="snake_env.envs:SnakeModeSelectionVectorEnv",
         kwargs={"preset": _preset},
     )

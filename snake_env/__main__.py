@@ -18,17 +18,17 @@ import numpy as np
 from gymnasium.utils.env_checker import check_env
 
 from snake_env import __version__
-from snake_env.compiler import cache_folder
-from snake_env.env import SnakeModeSelectionEnv
+from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.kernel.compiler import cache_folder
 from snake_env.modes import ModeTable, mode_table
-from snake_env.optimizer import AnalyticOptimizer, Selection
 from snake_env.params import PRESETS, SnakeParams
-from snake_env.policies import POLICIES, load_policy
-from snake_env.rendering import Painter, Scene, motion_scenes, save_gif, still_scene
-from snake_env.simulation import advance
+from snake_env.policies.registry import POLICIES, load_policy
+from snake_env.rendering.rendering import Painter, Scene, motion_scenes, save_gif, still_scene
+from snake_env.sim.optimizer import AnalyticOptimizer, Selection
+from snake_env.sim.simulation import advance
+from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from snake_env.tasks import load_tasks
 
 _SIM_1_SECONDS = 36.0
 _LISTED = 15

@@ -2,34 +2,22 @@
 
 import ast
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "snake_env"
-# A module may import only from modules before it. The head of the list is the physics: it knows
-# nothing of Gymnasium.
-ORDER = [
-    *("errors", "params", "tracing", "scalars", "kinematics", "modes", "state"),
-    *("control", "cost", "stability", "features", "compiler", "blocks", "kernel", "lane_function"),
-    *(
-        "mask_kernel",
-        "simulation",
-        "optimizer",
-        "tasks",
-        "masks",
-        "episode",
-        "reward",
-        "skid",
-        "slip",
-    ),
-    *("observation", "ends", "programs", "network", "symmetry", "model_file", "value", "search"),
-    *("policy", "lookahead", "network_policy", "shield"),
-    *("transition", "core", "drawing", "rendering", "env", "wrappers"),
-    *("policies", "best_known", "vector_env", "sb3"),
-    *("__init__", "__main__"),
+from tests.support import ROOT
+
+PACKAGE = ROOT / "snake_env"
+# The rooms, floor by floor: a room may import only from rooms before it.
+ROOMS = [
+    *("errors", "params", "equations", "modes", "state", "kernel", "sim", "networks"),
+    *("rendering", "envs", "policies", "sb3", "__init__", "__main__"),
 ]
-PHYSICS = ORDER[: ORDER.index("env")]
+PHYSICS = ROOMS[: ROOMS.index("envs")]
+MOST_ROOMS = 16
+MOST_LINES = 300
 NEVER_AT_MODULE_LEVEL = {
     "torch",
     "stable_baselines3",
@@ -43,8 +31,8 @@ NEVER = {"evaluate", "train", "agents", "tests"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def _layer(path: Path) -> str:
-    """The name in ORDER of a module: a sub-package is one layer."""
+def _room(path: Path) -> str:
+    """The room that a module is in: a folder, or a module at the top."""
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
@@ -73,22 +61,47 @@ def _imports(path: Path, everywhere: bool = True) -> set[str]:
 
 
 def _own(path: Path) -> set[str]:
-    """Layers of this package that a module imports from."""
-    layers = set()
+    """Rooms of this package that a module imports from."""
+    rooms = set()
     for name in _imports(path):
         top, *rest = name.split(".")
         if top == "snake_env":
             known = rest and (PACKAGE / rest[0]).with_suffix(".py").exists()
             known = known or (rest and (PACKAGE / rest[0] / "__init__.py").exists())
-            layers.add(rest[0] if known else "__init__")
-    return layers - {_layer(path)}
+            rooms.add(rest[0] if known else "__init__")
+    return rooms - {_room(path)}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_module__imports_only_from_layers_before_its_own(path: Path) -> None:
-    assert _layer(path) in ORDER, "give the new module its place in ORDER"
-    before = ORDER[: ORDER.index(_layer(path))]
-    assert _own(path) <= set(before)
+def test_module__imports_only_from_rooms_before_its_own(path: Path) -> None:
+    assert _room(path) in ROOMS, "give the new room its place in ROOMS"
+    assert _own(path) <= set(ROOMS[: ROOMS.index(_room(path))])
+
+
+@pytest.mark.parametrize("room", [name for name in ROOMS if (PACKAGE / name).is_dir()])
+def test_room__has_no_circle_of_imports_inside(room: str) -> None:
+    inside = {}
+    for path in (PACKAGE / room).glob("*.py"):
+        prefix = f"snake_env.{room}."
+        named = {name.removeprefix(prefix).split(".")[0] for name in _imports(path, False)}
+        inside[path.stem] = {n for n in named if (PACKAGE / room / f"{n}.py").exists()}
+    assert list(TopologicalSorter(inside).static_order())  # a circle raises CycleError
+
+
+def test_package__has_few_rooms_and_short_files() -> None:
+    rooms = {path.name for path in PACKAGE.iterdir()} - {"__pycache__", "py.typed"}
+    assert len(rooms) <= MOST_ROOMS
+    for top in ("snake_env", "agents", "train", "evaluate"):
+        for path in (ROOT / top).rglob("*.py"):
+            assert len(path.read_text().splitlines()) <= MOST_LINES, path
+
+
+def test_tests__have_the_same_rooms_and_import_no_other_test() -> None:
+    names = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
+    rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
+    assert names - {"__pycache__"} == rooms | {"support", "agents", "train", "evaluate"}
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        assert not {name for name in _imports(path) if ".test_" in name or ".conftest" in name}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
@@ -99,13 +112,13 @@ def test_module__never_imports_what_runs_from_the_checkout(path: Path) -> None:
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_module__imports_nothing_heavy_at_its_top(path: Path) -> None:
     tops = {name.split(".")[0] for name in _imports(path, everywhere=False)}
-    assert not tops & NEVER_AT_MODULE_LEVEL - ADAPTERS.get(_layer(path), set())
+    assert not tops & NEVER_AT_MODULE_LEVEL - ADAPTERS.get(_room(path), set())
     assert not _own(path) & set(ADAPTERS)
 
 
 def test_physics__knows_nothing_of_gymnasium() -> None:
     for path in MODULES:
-        if _layer(path) in PHYSICS:
+        if _room(path) in PHYSICS:
             assert not any(name.split(".")[0] == "gymnasium" for name in _imports(path)), path
 
 
@@ -120,11 +133,4 @@ def test_imports__are_seen_however_they_are_written(tmp_path: Path) -> None:
     )
     seen = {"torch.nn", "evaluate.table.row", "agents"}
     assert _imports(path, everywhere=False) == seen
-    assert _imports(path) == seen | {"snake_env.tasks", "gymnasium"}
-
-
-def test_order__names_the_physics() -> None:
-    present = {_layer(path) for path in MODULES}
-    assert {"params", "state", "modes", "kinematics", "control", "cost", "stability"} <= present
-    assert {"kernel", "simulation", "optimizer", "tasks"} <= present
-    assert len(set(ORDER)) == len(ORDER)
+    assert _imports(path) == seen | {"snake_env.sim.tasks", "gymnasium"}

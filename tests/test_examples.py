@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.support import ROOT
+
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 STEPS = {"sb3_ppo": 16_000, "sb3_dqn": 8_000, "cleanrl_ppo": 16_000, "planning": 3}
 NUMBER = r"(-?\d+(?:\.\d+)?)"

@@ -8,10 +8,10 @@ import pytest
 
 from snake_env.errors import InvalidInputError, InvalidModeError
 from snake_env.modes import ModeTable, mode_table
-from snake_env.simulation import advance, predict, predict_batch
+from snake_env.sim.simulation import advance, predict, predict_batch
 from snake_env.state import StateBatch
-from tests import oracle
-from tests.conftest import PAPER, straight_state
+from tests.support import oracle
+from tests.support.robots import PAPER, straight_state
 
 ALL_N = range(5, 17)
 TABLE = mode_table(8)

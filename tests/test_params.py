@@ -9,7 +9,7 @@ import pytest
 
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
-from tests.conftest import PAPER
+from tests.support.robots import PAPER
 
 FIELDS = {field.name: field.default for field in dataclasses.fields(SnakeParams)}
 NUMBERS = [name for name, value in FIELDS.items() if isinstance(value, float)]

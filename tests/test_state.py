@@ -8,9 +8,9 @@ import pytest
 
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.simulation import advance, joint_input, predict
+from snake_env.sim.simulation import advance, joint_input, predict
 from snake_env.state import SnakeState, StateBatch, checked_shape
-from tests.conftest import PAPER, random_state, straight_state
+from tests.support.robots import PAPER, random_state, straight_state
 
 BENT = np.linspace(-0.4, 0.5, 8)
 FIELDS = [field.name for field in dataclasses.fields(SnakeState)]

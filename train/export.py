@@ -14,7 +14,7 @@ from rich.console import Console
 import snake_env
 from evaluate.journal import write_atomically
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Model, read_model, write_model
+from snake_env.networks.model_file import Model, read_model, write_model
 from train.run import SCHEMA
 
 _FILES = ("best.safetensors", "value.safetensors")

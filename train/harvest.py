@@ -18,10 +18,10 @@ from evaluate.engine import Engine
 from evaluate.journal import Journal, writable_folder, write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import read_model
+from snake_env.networks.model_file import read_model
 from snake_env.params import SnakeParams
-from snake_env.programs import warm_up
-from snake_env.tasks import random_tasks
+from snake_env.policies.warm_up import warm_up
+from snake_env.sim.tasks import random_tasks
 from train.run import Robot, command
 
 _PART = 512  # tasks that a worker plays side by side

@@ -18,11 +18,11 @@ from agents.teacher import Visit, collect
 from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Model, read_model, read_network, write_model
-from snake_env.network import Network
-from snake_env.observation import observation_size
+from snake_env.networks.model_file import Model, read_model, read_network, write_model
+from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.programs import warm_up
+from snake_env.policies.warm_up import warm_up
+from snake_env.sim.observation import observation_size
 from train.run import Robot, Run, RunFolder, command, value_digest
 from train.validation import Validation, quality
 

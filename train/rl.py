@@ -33,12 +33,12 @@ from agents.imitate import REWARD
 from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
+from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.model_file import Model, read_network, write_model
-from snake_env.programs import warm_up
-from snake_env.reward import RewardWeights
+from snake_env.networks.model_file import Model, read_network, write_model
+from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
-from snake_env.tasks import FROZEN, load_tasks
+from snake_env.sim.tasks import FROZEN, load_tasks
 from train.curves import draw_curves
 from train.run import Robot, Run, RunFolder, command
 from train.validation import Validation, quality

@@ -22,7 +22,7 @@ from evaluate.journal import writable_folder, write_atomically
 from evaluate.options import Assignments, parse_overrides
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.value import guide
+from snake_env.policies.value import guide
 
 SCHEMA = 1
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")

@@ -19,7 +19,7 @@ from evaluate.engine import Engine
 from evaluate.journal import write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import read_model
+from snake_env.networks.model_file import read_model
 from train.curves import draw_curves
 from train.run import begin, words_without
 from train.validation import quality

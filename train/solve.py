@@ -20,8 +20,8 @@ from evaluate.journal import Journal, writable_folder, write_atomically
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.programs import warm_up
-from snake_env.tasks import load_tasks
+from snake_env.policies.warm_up import warm_up
+from snake_env.sim.tasks import load_tasks
 from train.run import Robot, command, value_digest
 
 

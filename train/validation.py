@@ -10,8 +10,8 @@ from evaluate.protocol import Shard, run_shard
 from evaluate.statistics import summarise
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.policies import SHIELD
-from snake_env.tasks import load_tasks
+from snake_env.policies.registry import SHIELD
+from snake_env.sim.tasks import load_tasks
 
 SUITE = "validation-2k"
 

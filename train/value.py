@@ -15,10 +15,10 @@ from agents.value import Fit, Play, Returns, fit, play
 from evaluate.engine import Engine
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.model_file import Kind, Model, read_model, read_network, write_model
-from snake_env.observation import observation_size
+from snake_env.networks.model_file import Kind, Model, read_model, read_network, write_model
 from snake_env.params import SnakeParams
-from snake_env.programs import warm_up
+from snake_env.policies.warm_up import warm_up
+from snake_env.sim.observation import observation_size
 from train.run import Robot, Run, RunFolder, command
 
 _PART = 256  # episodes that a worker plays side by side

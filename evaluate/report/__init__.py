@@ -11,7 +11,7 @@ from evaluate.protocol import Row
 from evaluate.report.page import render
 from evaluate.report.replays import collect, sim_1
 from snake_env.params import SnakeParams
-from snake_env.tasks import TaskSuite
+from snake_env.sim.tasks import TaskSuite
 
 FILE = "report.html"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evaluate.protocol import SKID, Row
 from evaluate.replay import replay
 from snake_env.params import SnakeParams
-from snake_env.skid import skid
+from snake_env.policies.skid import skid
 from snake_env.state import FloatArray, SnakeState
 
 FRAME_EVERY_S = 0.1

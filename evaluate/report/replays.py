@@ -14,8 +14,8 @@ from evaluate.report.episodes import Choice, choose, fastest_other, that_choose
 from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
+from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.state import SnakeState
-from snake_env.tasks import TaskSuite, load_tasks
 
 BUDGET = 2_500_000
 """Episodes beyond these bytes are left out: ten policies on 10,000 tasks then stay below 5 MB."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from snake_env.symmetry import joints_observed, mirror, telling
+from snake_env.networks.symmetry import joints_observed, mirror, telling
 
 
 class Mirror(nn.Module):

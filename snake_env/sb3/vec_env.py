@@ -10,8 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from snake_env.envs.vector_env import SnakeModeSelectionVectorEnv
 from snake_env.errors import InvalidInputError
-from snake_env.vector_env import SnakeModeSelectionVectorEnv
 
 
 class SnakeVecEnv(VecEnv):
@@ -25,7 +25,7 @@ class SnakeVecEnv(VecEnv):
     Args:
         num_envs: Number of robots.
         mask_in_observation: Whether observations are dicts with ``observation`` and ``action_mask``.
-        **kwargs: As those of :class:`snake_env.env.SnakeModeSelectionEnv`.
+        **kwargs: As those of :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
 
     Raises:
         InvalidInputError: A value that can't be used.

@@ -1,0 +1,235 @@
+"""What the env and the vector env share: N robots, their episodes, rewards and infos.
+
+The env is the case N = 1, so that both do the same to the bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_env.envs.reward import RewardWeights, reward_terms
+from snake_env.envs.slip import check_slip, slipped
+from snake_env.envs.transition import OnInfeasible, transition
+from snake_env.errors import InvalidInputError, UnknownNameError, as_finite
+from snake_env.modes import mode_table
+from snake_env.params import SnakeParams
+from snake_env.sim.episode import Episodes
+from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
+from snake_env.sim.observation import observe
+from snake_env.sim.simulation import least_distances
+from snake_env.sim.tasks import TaskSuite, load_tasks, random_tasks
+from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
+
+RESET_OPTIONS = ("phi0", "target", "task")
+
+
+@dataclass(frozen=True)
+class EnvOptions:
+    """Keyword arguments of the env, checked; see :class:`snake_env.envs.env.SnakeModeSelectionEnv`."""
+
+    params: SnakeParams
+    mask_level: MaskLevel
+    on_infeasible: OnInfeasible
+    weights: RewardWeights
+    slip: tuple[float, float]
+    suite: TaskSuite | None
+
+    @classmethod
+    def parse(
+        cls,
+        preset: str,
+        mask_level: MaskLevel,
+        on_infeasible: OnInfeasible,
+        reward_weights: dict[str, float] | None,
+        slip: Sequence[float],
+        task_suite: str | None,
+        params: dict[str, Any],
+    ) -> EnvOptions:
+        """Checks the keyword arguments.
+
+        Raises:
+            UnknownNameError: A name that does not exist, with a suggestion.
+            InvalidInputError: A value that can't be used.
+        """
+        constants = SnakeParams.preset(preset, **params)
+        check_mask_level(mask_level)
+        if on_infeasible not in get_args(OnInfeasible):
+            raise UnknownNameError("on_infeasible", on_infeasible, get_args(OnInfeasible))
+        suite = None if task_suite is None else load_tasks(task_suite, constants)
+        weights = _checked_weights({} if reward_weights is None else reward_weights)
+        return cls(constants, mask_level, on_infeasible, weights, check_slip(slip), suite)
+
+
+def _checked_weights(given: Any) -> RewardWeights:
+    if not isinstance(given, Mapping):
+        raise InvalidInputError("reward_weights", given, "a dict of weights by name")
+    known = [field.name for field in dataclasses.fields(RewardWeights)]
+    for name, weight in given.items():
+        if name not in known:
+            raise UnknownNameError("reward term", name, known)
+        if as_finite(weight) is None:
+            raise InvalidInputError(f"reward_weights[{name!r}]", weight, "a finite number")
+    return RewardWeights(**given)
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """What N transitions gave: rewards (N,), terminations, truncations (N,), and infos."""
+
+    reward: FloatArray
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    info: dict[str, Any]
+
+
+class EnvCore:
+    """N robots.
+
+    Attributes:
+        options: The keyword arguments, checked.
+        states: Where the robots are.
+        episodes: Their episodes.
+    """
+
+    def __init__(self, count: int, options: EnvOptions) -> None:
+        self.options = options
+        shapes = np.zeros((count, options.params.n_joints))
+        self.states = StateBatch.initial(shapes, shapes, options.params)
+        self.episodes = Episodes(self.states, options.params)
+
+    def reset(
+        self,
+        indices: IntArray,
+        rngs: Sequence[np.random.Generator],
+        options: dict[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Begins the episodes at the given positions; their infos.
+
+        Args:
+            indices: Positions, shape (K,).
+            rngs: Their sources of randomness.
+            options: ``phi0``, ``target``: shapes (n,) [rad]; ``task``: a row of the task suite.
+
+        Raises:
+            UnknownNameError: An option that does not exist.
+            InvalidInputError: A shape or a task that can't be used.
+        """
+        params, given = self.options.params, {} if options is None else options
+        if not isinstance(given, Mapping):
+            raise InvalidInputError("options", given, "a dict of reset options")
+        for name in given:
+            if name not in RESET_OPTIONS:
+                raise UnknownNameError("reset option", name, RESET_OPTIONS)
+        shapes = {name: value for name, value in given.items() if name != "task"}
+        fixed = {name: checked_shape(name, shape, params) for name, shape in shapes.items()}
+        phi0, target = self._tasks(rngs, given.get("task"))
+        phi0[:] = fixed.get("phi0", phi0)
+        target[:] = fixed.get("target", target)
+        begun = StateBatch.initial(phi0, target, params)
+        self.states = self.states.put(indices, begun)
+        self.episodes.restart(indices, begun)
+        count = len(indices)
+        terms = [f.name for f in dataclasses.fields(RewardWeights) if f.name != "gamma"]
+        return self._info(
+            indices,
+            violation=np.zeros(count, dtype="<U12"),
+            lifted=np.zeros((count, params.n_joints), dtype=np.int8),
+            terms={name: np.zeros(count) for name in terms},
+            d_min=least_distances(phi0, params),
+            max_abs_phi=np.abs(phi0).max(axis=1),
+        )
+
+    def _tasks(
+        self, rngs: Sequence[np.random.Generator], task: int | None
+    ) -> tuple[FloatArray, FloatArray]:
+        suite, params = self.options.suite, self.options.params
+        if suite is None:
+            if task is not None:
+                raise InvalidInputError("options['task']", task, "an env with a task_suite")
+            return random_tasks(rngs, params)
+        if task is None:
+            rows = [int(rng.integers(len(suite))) for rng in rngs]
+        elif isinstance(task, (int, np.integer)) and 0 <= task < len(suite):
+            rows = [int(task)] * len(rngs)
+        else:
+            raise InvalidInputError("options['task']", task, f"a row from 0 to {len(suite) - 1}")
+        return suite.phi0[rows], suite.target[rows]
+
+    def step(
+        self, indices: IntArray, modes: IntArray, rngs: Sequence[np.random.Generator]
+    ) -> StepResult:
+        """Executes a mode for the robots at the given positions.
+
+        Args:
+            indices: Positions, shape (K,), of episodes that have not ended.
+            modes: Mode indices, shape (K,).
+            rngs: Their sources of randomness, for the slip.
+
+        Raises:
+            InvalidModeError: A mode is not in the table.
+        """
+        options, params = self.options, self.options.params
+        before = self.states.take(indices)
+        moved = transition(before, modes, options.on_infeasible, params)
+        after, prediction = moved.after, moved.prediction
+        after = dataclasses.replace(after, w=slipped(after.w, options.slip, rngs))
+        self.states = self.states.put(indices, after)
+        self.episodes.record(indices, after, prediction)
+        outcome = self.episodes.outcome[indices]
+        truncated = (outcome == "deadlock") | (outcome == "horizon")
+        terminated = (outcome != "") & ~truncated
+        terms = reward_terms(before, after, prediction, terminated, options.weights, params)
+        lifted = mode_table(params.n_joints).lifted_wheels(modes, before.phase)
+        lifted &= moved.executed[:, None]
+        info = self._info(
+            indices,
+            violation=np.where(outcome == "collision", "collision", moved.violation),
+            lifted=lifted.astype(np.int8),
+            terms=terms,
+            d_min=prediction.d_min,
+            max_abs_phi=prediction.max_abs_phi,
+        )
+        reward: FloatArray = np.zeros(len(modes))
+        for values in terms.values():
+            reward = reward + values
+        return StepResult(reward, terminated, truncated, info)
+
+    def observe(self, indices: IntArray) -> NDArray[np.float32]:
+        """Observations of the robots at the given positions, shape (K, size)."""
+        return observe(self.states.take(indices), self.options.params)
+
+    def masks(self, indices: IntArray) -> NDArray[np.bool_]:
+        """Which modes they may choose, shape (K, n_modes): at least one each, all after a success."""
+        states = self.states.take(indices)
+        masks = action_masks(states, self.options.mask_level, self.options.params)
+        masks[states.phase > self.options.params.n_joints] = True
+        return masks
+
+    def _info(
+        self,
+        indices: IntArray,
+        *,
+        violation: NDArray[np.str_],
+        lifted: NDArray[np.int8],
+        terms: dict[str, NDArray[Any]],
+        d_min: FloatArray,
+        max_abs_phi: FloatArray,
+    ) -> dict[str, Any]:
+        """Infos of the robots at the given positions: arrays with a row each."""
+        return {
+            "action_mask": self.masks(indices).astype(np.int8),
+            "is_success": self.episodes.outcome[indices] == "success",
+            "violation": violation,
+            "phase": self.states.phase[indices],
+            "lifted": lifted,
+            "reward_terms": terms,
+            "elapsed_s": self.states.elapsed[indices],
+            "d_min": d_min,
+            "max_abs_phi": max_abs_phi,
+        }

@@ -1,0 +1,73 @@
+"""Slip of the wheels: after each interval the head is not quite where the model says (section VI).
+
+The paper's robot ended with an error of the shape, which its authors suspect came from lateral slip.
+Here the head's pose is off by normally distributed amounts after each interval; joints are where they
+are measured.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from snake_env.errors import InvalidInputError, as_finite
+from snake_env.params import SnakeParams
+from snake_env.sim.simulation import Prediction, advance
+from snake_env.state import FloatArray, SnakeState
+
+Slip = tuple[float, float]
+"""Standard deviations for an interval: of the head's x and y [m], of its heading [rad]."""
+
+NO_SLIP: Slip = (0.0, 0.0)
+
+
+def check_slip(given: Any) -> Slip:
+    """The slip that someone asks for.
+
+    Raises:
+        InvalidInputError: It is not two numbers, zero or positive.
+    """
+    scales = (
+        [as_finite(scale) for scale in given] if isinstance(given, (Sequence, np.ndarray)) else []
+    )
+    if len(scales) != 2 or any(scale is None or scale < 0.0 for scale in scales):
+        raise InvalidInputError("slip", given, "(m, rad): two numbers, zero or positive")
+    return float(scales[0] or 0.0), float(scales[1] or 0.0)
+
+
+def slipped(w: FloatArray, slip: Slip, rngs: Sequence[np.random.Generator]) -> FloatArray:
+    """Where heads are after an interval.
+
+    Args:
+        w: Where the model says, shape (N, 3) [m, m, rad].
+        slip: How much they slip.
+        rngs: N sources of randomness.
+    """
+    if not any(slip):
+        return w
+    metres, radians = slip
+    return w + [rng.normal(0.0, [metres, metres, radians]) for rng in rngs]
+
+
+class Floor:
+    """The floor of one episode: executes modes, and lets the robot slip after each interval.
+
+    Args:
+        slip: How much it slips.
+        task: The task's id: the k-th slip of a task is always the same, whatever the policy.
+        params: The constants.
+    """
+
+    def __init__(self, slip: Slip, task: int, params: SnakeParams) -> None:
+        self._slip, self._params = slip, params
+        stream = np.random.SeedSequence(task, spawn_key=(0, 0))  # a policy draws from (task,)
+        self._rngs = [np.random.default_rng(stream)]
+
+    def advance(self, state: SnakeState, mode: int) -> tuple[SnakeState, Prediction]:
+        """:func:`snake_env.sim.simulation.advance`, and the slip."""
+        after, prediction = advance(state, mode, self._params)
+        w = slipped(after.w[None], self._slip, self._rngs)[0]
+        return dataclasses.replace(after, w=w), prediction

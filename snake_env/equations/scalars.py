@@ -1,0 +1,118 @@
+"""Arithmetic on generic scalars: a plain ``float``, or a value traced into the kernel.
+
+The equations of the paper are written once, as ordinary functions of scalars. Given floats they
+compute numbers; given :class:`snake_env.equations.tracing.Traced` values they record the kernel's code.
+Both perform the same IEEE operations in the same order, so both give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from snake_env.equations.tracing import Traced, TracedBool
+
+Scalar: TypeAlias = float | Traced
+Bool: TypeAlias = bool | TracedBool
+
+_SIN_TERMS = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(8)]
+_COS_TERMS = [(-1.0) ** k / math.factorial(2 * k) for k in range(9)]
+# pi/2 in three parts (33 + 33 + 53 bits), so that x - q pi/2 stays exact to 1e-16 for |q| < 2^20.
+_HALF_PI_PARTS = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to an integer
+
+
+def sqrt(x: Scalar) -> Scalar:
+    """Square root, correctly rounded."""
+    return math.sqrt(x) if isinstance(x, float) else x.sqrt()
+
+
+def absolute(x: Scalar) -> Scalar:
+    """Absolute value."""
+    return abs(x) if isinstance(x, float) else x.absolute()
+
+
+def select(condition: Bool, if_true: Scalar, if_false: Scalar) -> Scalar:
+    """``if_true`` where the condition holds, else ``if_false``: both are evaluated."""
+    if isinstance(condition, bool):
+        return if_true if condition else if_false
+    return condition.select(if_true, if_false)
+
+
+def both(a: Bool, b: Bool) -> Bool:
+    """Logical and of plain or traced conditions."""
+    if isinstance(a, bool):
+        return b if a else False
+    if isinstance(b, bool):
+        return a if b else False
+    return a & b
+
+
+def negate(a: Bool) -> Bool:
+    """Logical not of a plain or traced condition."""
+    return (not a) if isinstance(a, bool) else ~a
+
+
+def either(a: Bool, b: Bool) -> Bool:
+    """Logical or of plain or traced conditions."""
+    if isinstance(a, bool):
+        return True if a else b
+    if isinstance(b, bool):
+        return True if b else a
+    return a | b
+
+
+def minimum(a: Scalar, b: Scalar) -> Scalar:
+    """The smaller of two scalars."""
+    return select(a < b, a, b)
+
+
+def maximum(a: Scalar, b: Scalar) -> Scalar:
+    """The larger of two scalars."""
+    return select(a > b, a, b)
+
+
+def total(values: Sequence[Scalar]) -> Scalar:
+    """Sum from left to right; 0.0 for no values."""
+    result: Scalar = 0.0
+    for position, value in enumerate(values):
+        result = value if position == 0 else result + value
+    return result
+
+
+def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
+    """Inner product, summed from left to right."""
+    return total([x * y for x, y in zip(a, b, strict=True)])
+
+
+def _polynomial(terms: Sequence[float], x: Scalar) -> Scalar:
+    result: Scalar = terms[-1]
+    for term in reversed(terms[:-1]):
+        result = result * x + term
+    return result
+
+
+def sin_cos(x: Scalar) -> tuple[Scalar, Scalar]:
+    """Sine and cosine to about 2e-16, for ``|x|`` up to a million.
+
+    The argument is reduced to ``[-pi/4, pi/4]``, where Taylor's series to x^15 and x^16 is exact to
+    the last bit. Neither NumPy's nor the C library's version is used: they differ between machines.
+    """
+    quarter = (x * (2.0 / math.pi) + _ROUND) - _ROUND
+    r = x
+    for part in _HALF_PI_PARTS:
+        r = r - quarter * part
+    r2 = r * r
+    sine = r * _polynomial(_SIN_TERMS, r2)
+    cosine = _polynomial(_COS_TERMS, r2)
+    turn = quarter - 4.0 * ((quarter * 0.25 + _ROUND) - _ROUND)  # quarter modulo 4, in -2..2
+    swapped = absolute(turn) == 1.0
+    sin_value = select(swapped, cosine, sine)
+    cos_value = select(swapped, sine, cosine)
+    sin_negative = either(turn < 0.0, turn == 2.0)
+    cos_negative = either(turn == 1.0, absolute(turn) == 2.0)
+    return (
+        select(sin_negative, -sin_value, sin_value),
+        select(cos_negative, -cos_value, cos_value),
+    )

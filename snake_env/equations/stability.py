@@ -1,0 +1,75 @@
+"""Static stability (22): is the centre of gravity strictly inside the support polygon?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from snake_env.equations.kinematics import Body, Point, centre_of_gravity
+from snake_env.equations.scalars import Bool, Scalar, both, either, negate, select
+from snake_env.params import SnakeParams
+
+
+def _cross(a: Point, b: Point) -> Scalar:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Point, b: Point) -> Scalar:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def _choose(condition: Bool, if_true: Point, if_false: Point) -> Point:
+    return select(condition, if_true[0], if_false[0]), select(condition, if_true[1], if_false[1])
+
+
+def contacts(body: Body, p: SnakeParams) -> list[tuple[int, Point]]:
+    """Points that may touch the ground: ``(0, W_0)``, then ``(k, left)``, ``(k, right)`` per axle.
+
+    Link 0's own contact is there only where ``p.head_contact``. Points in the head's frame [m].
+    """
+    points: list[tuple[int, Point]] = [(0, body.centres[0])] if p.head_contact else []
+    half = 0.5 * p.track
+    for k in range(1, body.n_joints + 1):
+        (cosine, sine), (x, y) = body.directions[k], body.centres[k]
+        dx, dy = -(half * sine), half * cosine
+        points += [(k, (x + dx, y + dy)), (k, (x - dx, y - dy))]
+    return points
+
+
+def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> Bool:
+    """(22): whether the centre of gravity lies strictly inside the hull of the contacts.
+
+    Seen from the centre of gravity, the contacts met so far fill a wedge from direction ``right`` to
+    direction ``left``. It grows contact by contact until one falls opposite to it: then, and only
+    then, the contacts surround the centre of gravity. No hull has to be built. As long as all contacts
+    lie on one ``line`` through the centre of gravity, the first one beside it decides to which side
+    the wedge opens.
+
+    Args:
+        body: The robot's body.
+        grounded: Marks of the wheels on the ground, n values.
+        p: The constants.
+    """
+    cx, cy = centre_of_gravity(body)
+    surrounded: Bool = False
+    started: Bool = False
+    line: Bool = False
+    right: Point = (0.0, 0.0)
+    left: Point = (0.0, 0.0)
+    for k, (x, y) in contacts(body, p):
+        point = (x - cx, y - cy)
+        touches: Bool = True if k == 0 else grounded[k - 1]
+        begins = both(touches, negate(started))
+        continues = both(touches, started)
+        of_right, of_left = _cross(right, point), _cross(left, point)
+        outside_right, outside_left = of_right < 0.0, of_left > 0.0
+        surrounded = either(surrounded, both(continues, both(outside_right, outside_left)))
+        to_left = both(continues, both(outside_left, negate(outside_right)))
+        to_right = both(continues, both(outside_right, negate(outside_left)))
+        new_left = _choose(line, (-right[0], -right[1]), point)
+        new_right = _choose(line, (-left[0], -left[1]), point)
+        left = _choose(to_left, new_left, _choose(begins, point, left))
+        right = _choose(to_right, new_right, _choose(begins, point, right))
+        on_line = both(both(of_right == 0.0, of_left == 0.0), _dot(right, point) < 0.0)
+        line = both(either(line, both(continues, on_line)), negate(either(to_left, to_right)))
+        started = either(started, touches)
+    return surrounded

@@ -1,0 +1,1 @@
+"""The compiled kernel: traces of the equations as vector code, and the programs made of it."""

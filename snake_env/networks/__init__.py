@@ -1,0 +1,1 @@
+"""Networks without PyTorch: NumPy inference, mirror symmetry, model files."""

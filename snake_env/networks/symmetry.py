@@ -1,0 +1,147 @@
+"""The robot's mirror image: phi to -phi and y to -y; the lifted wheels stay the same.
+
+Every state is worth what its mirror image is worth, so each observation teaches twice. A network that
+is asked about both errs less; one that is asked about the same one of them always takes half the time.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snake_env.equations.features import SUPPORT_DIRECTIONS
+from snake_env.errors import InvalidInputError
+from snake_env.networks.network import Float32Array, Network
+from snake_env.params import N_JOINTS_RANGE
+from snake_env.sim.observation import observation_rows, observation_size
+
+_NEGATED = {"phi", "target", "error", "scp_error", "ref_start", "last_turn"}
+_POINTS = {"link_direction", "link_centre", "centre_of_gravity"}
+
+
+@functools.cache
+def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """How observations are mirrored: ``observation[..., order] * sign``.
+
+    Returns:
+        ``order`` and ``sign``, each of shape (observation_size,).
+    """
+    order: list[int] = []
+    sign: list[float] = []
+    for name, size in observation_rows(n_joints):
+        first = len(order)
+        positions, signs = list(range(first, first + size)), [1.0] * size
+        if name in _NEGATED:
+            signs = [-1.0] * size
+        elif name in _POINTS:  # x and y in turns
+            signs = [1.0, -1.0] * (size // 2)
+        elif name == "head_error":  # x, y, heading
+            signs = [1.0, -1.0, -1.0]
+        elif name == "support_margin":  # in directions k * 45 degrees: k becomes -k
+            positions = [first + -k % SUPPORT_DIRECTIONS for k in range(SUPPORT_DIRECTIONS)]
+        order += positions
+        sign += signs
+    return np.array(order), np.array(sign, dtype=np.float32)
+
+
+def telling(size: int) -> int:
+    """Position of the value that tells the two images apart: in the canonical one it is not negative.
+
+    It is the last joint's target, which stays the same through an episode: all that is compared within
+    one is seen from the same side.
+
+    Args:
+        size: Values in an observation.
+    """
+    return 2 * joints_observed(size) - 1  # targets come after angles
+
+
+@functools.cache
+def joints_observed(size: int) -> int:
+    """How many joints a robot has whose observation has so many values.
+
+    Raises:
+        InvalidInputError: No robot's has.
+    """
+    low, high = N_JOINTS_RANGE
+    sizes = {observation_size(n): n for n in range(low, high + 1)}
+    if size not in sizes:
+        raise InvalidInputError("observation_size", size, f"one of {list(sizes)}")
+    return sizes[size]
+
+
+class SymmetricNetwork:
+    """A network that is asked about states and about their mirror images: the mean of its answers.
+
+    Its first layer is there twice, the second time for observations that are not mirrored yet.
+
+    Args:
+        network: Takes observations.
+        n_joints: Joints of the robots.
+    """
+
+    def __init__(self, network: Network, n_joints: int) -> None:
+        first = network.weights[0]
+        self._first = np.concatenate([first, _for_images(first, n_joints)], axis=1)
+        self._first_bias = np.concatenate([network.biases[0]] * 2)
+        self._rest = list(zip(network.weights[1:], network.biases[1:], strict=True))
+
+    def __call__(self, observations: Float32Array) -> Float32Array:
+        """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
+        x = observations @ self._first
+        x += self._first_bias
+        x = x.reshape(2 * len(observations), x.shape[1] // 2)  # each state, then its image
+        for weight, bias in self._rest:
+            np.maximum(x, 0.0, out=x)
+            x = _product(x, weight)
+            x += bias
+        result: Float32Array = x[0::2] + x[1::2]
+        result *= 0.5
+        return result
+
+
+class CanonicalNetwork:
+    """A network that is asked about one image of each state: the canonical one (:func:`telling`).
+
+    Args:
+        network: Takes observations.
+        n_joints: Joints of the robots.
+    """
+
+    def __init__(self, network: Network, n_joints: int) -> None:
+        first = _for_images(network.weights[0], n_joints)
+        self._telling = telling(len(first))
+        self._of_canonical = network
+        self._of_images = Network([first, *network.weights[1:]], network.biases)
+
+    def __call__(self, observations: Float32Array) -> Float32Array:
+        """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
+        as_it_is = observations[:, self._telling] >= 0.0
+        count = np.count_nonzero(as_it_is)
+        if count == len(observations):
+            return self._of_canonical(observations)
+        if count == 0:
+            return self._of_images(observations)
+        result = self._of_images(observations)
+        result[as_it_is] = self._of_canonical(observations[as_it_is])
+        return result
+
+
+def _for_images(first: Float32Array, n_joints: int) -> Float32Array:
+    """Weights of a first layer that takes observations and sees their mirror images."""
+    order, sign = mirror(n_joints)
+    weights = np.empty_like(first)
+    weights[order] = sign[:, None] * first
+    return weights
+
+
+def _product(x: Float32Array, weight: Float32Array) -> Float32Array:
+    """``x @ weight``; two rows one by one, as BLAS packs the weights first where it gets a matrix."""
+    if len(x) != 2:
+        return x @ weight
+    result = np.empty((2, weight.shape[1]), dtype=np.float32)
+    np.dot(x[0], weight, out=result[0])
+    np.dot(x[1], weight, out=result[1])
+    return result

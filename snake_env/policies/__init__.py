@@ -1,0 +1,1 @@
+"""Everything that chooses modes: the registry, planner, value and learned policies, shield."""

@@ -1,0 +1,63 @@
+"""A shield for policies that do not predict: it executes nothing that breaks (22), (23) or touches."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from snake_env.kernel.blocks import LANES
+from snake_env.params import SnakeParams
+from snake_env.policies.base import Policy
+from snake_env.policies.network_policy import NetworkPolicy
+from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.sim.simulation import predict
+from snake_env.state import SnakeState
+
+
+class ShieldedPolicy:
+    """The first of a policy's choices that is feasible, then (21), then what holds out longest.
+
+    A policy that ranks its choices has its favourite predicted alone, then a block of its next ones;
+    from others there is one choice.
+
+    Args:
+        policy: Whose choices are checked.
+        params: The constants that the checks predict with.
+    """
+
+    def __init__(self, policy: Policy, params: SnakeParams) -> None:
+        self._policy, self._params = policy, params
+        self._optimizer = AnalyticOptimizer(params)
+        self._spent = 0
+
+    @property
+    def rollouts(self) -> int:
+        """The policy's own model roll-outs and those of the checks."""
+        return self._policy.rollouts + self._spent
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode."""
+        self._policy.reset(seed)
+
+    def select_mode(self, state: SnakeState) -> int:
+        """A feasible mode wherever there is one."""
+        favourite = self._policy.select_mode(state)
+        if self._first_feasible(state, [favourite]) is not None:
+            return favourite
+        if isinstance(self._policy, NetworkPolicy):
+            others = self._policy.ranking(state)
+            others = others[others != favourite][:LANES]
+            mode = self._first_feasible(state, others)
+            if mode is not None:
+                return mode
+        selection = self._optimizer.select(state)
+        self._spent += len(selection.modes)
+        return selection.last_resort
+
+    def _first_feasible(self, state: SnakeState, modes: ArrayLike) -> int | None:
+        """The first of some modes that is feasible and lets no links touch; None where none is."""
+        candidates = np.asarray(modes)
+        prediction = predict(state, candidates, self._params)
+        self._spent += len(candidates)
+        good = prediction.feasible & (prediction.d_min >= self._params.d_touch)
+        return int(candidates[good.argmax()]) if good.any() else None

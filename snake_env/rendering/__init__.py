@@ -1,0 +1,1 @@
+"""Pictures of the robot: frames, windows and GIFs."""

@@ -1,0 +1,221 @@
+"""Imitation of a teacher's costs, and what becomes of its models."""
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.imitate import Fit, fit, lessons
+from agents.mlp import PREFERENCE
+from agents.teacher import Decisions, judge
+from snake_env import SnakeParams, load_policy
+from snake_env.networks.model_file import read_model
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.sim.observation import observe
+from snake_env.sim.tasks import load_tasks
+from snake_env.state import StateBatch
+from train.__main__ import main
+
+PARAMS = SnakeParams()
+SMALL = (
+    "--rounds 2 --decisions 8192 --hidden 64 64 --epochs 10 --last-epochs 10 --batch-size 256 "
+    "--learning-rate 0.003 "
+    "--validation-tasks 12 --workers 1 --seed 5"
+)
+
+
+@pytest.fixture(scope="module")
+def decisions() -> Decisions:
+    suite = load_tasks("random:24:8", PARAMS)
+    states = StateBatch.initial(suite.phi0, suite.target, PARAMS)
+    return judge(states, "lookahead", PARAMS)
+
+
+def test_lessons__are_costs_of_what_the_mask_allows(decisions: Decisions) -> None:
+    lesson = lessons(decisions, PARAMS)
+    for k in range(len(lesson.cost)):
+        cost = lesson.cost[k].astype(np.float64)
+        mask, feasible = decisions.mask[k], decisions.feasible[k]
+        assert (cost[~mask] == -1.0).all()
+        assert np.isinf(cost[mask & ~feasible]).all()
+        wanted = decisions.cost_to_go[k][mask & feasible]
+        np.testing.assert_allclose(cost[mask & feasible], wanted, atol=0.01)
+    np.testing.assert_array_equal(lesson.observations, observe(decisions.states, PARAMS))
+
+
+def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
+    stuck = Decisions(
+        decisions.states,
+        decisions.mask,
+        decisions.feasible & (np.arange(24) != 7)[:, None],
+        np.where((np.arange(24) != 7)[:, None], decisions.cost_to_go, np.float32(np.inf)),
+    )
+    assert len(lessons(stuck, PARAMS).cost) == 23
+
+
+def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> None:
+    lesson = lessons(decisions, PARAMS)
+    how = Fit(hidden=(64,), epochs=1, batch_size=24)
+    first, before = fit(None, [lesson], how, 8, seed=0, last=False)
+    network: Network = first
+    how = dataclasses.replace(how, epochs=1500, learning_rate=3e-3)
+    network, after = fit(network, [lesson], how, 8, seed=1, last=False)
+    assert after["regret"] + after["infeasible"] < 0.3 * (before["regret"] + before["infeasible"])
+
+
+def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
+    lesson = lessons(decisions, PARAMS)
+    how = Fit(hidden=(8,), last_epochs=2, batch_size=8)
+    one, other, third = (fit(None, [lesson], how, 8, seed=seed, last=True)[0] for seed in (0, 0, 1))
+    np.testing.assert_array_equal(one.weights[0], other.weights[0])
+    assert not np.array_equal(one.weights[0], third.weights[0])
+
+
+def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
+    lesson = lessons(decisions, PARAMS)
+    how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
+    network, _ = fit(None, [lesson], how, 8, seed=0, last=False)
+    estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)
+    good = lesson.cost.min(axis=1, where=lesson.cost >= 0.0, initial=np.inf)[:, None] + 1.0
+    near = (lesson.cost >= 0.0) & (lesson.cost <= good)
+    wanted = 1.0 - 0.1 * lesson.cost[near].astype(np.float64)
+    assert np.abs(estimates[near] - wanted).mean() < 0.05
+
+
+def log(run: Path) -> list[dict[str, str]]:
+    with (run / "log.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("imitate") / "run"
+    assert main(["imitate", *SMALL.split(), "--out", str(out)]) == 0
+    return out
+
+
+def test_imitate__beats_random_choices(run: Path) -> None:
+    assert len(log(run)) == 2
+    assert all(float(row["raw_rollouts"]) == 0.0 for row in log(run))
+    assert float(log(run)[-1]["shielded_success"]) > 0.34  # random ones that are stable: 34 %
+    assert load_policy(run / "best.safetensors").rollouts == 0
+
+
+def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import train.imitate
+
+    real, rounds = train.imitate._play, []
+
+    def dying(options: object, visits: object, number: int, *rest: object) -> None:
+        rounds.append(number)
+        if len(rounds) == 2:
+            raise KeyboardInterrupt
+        real(options, visits, number, *rest)
+
+    out = tmp_path / "run"
+    words = ["imitate", *SMALL.split(), "--out", str(out)]
+    monkeypatch.setattr(train.imitate, "_play", dying)
+    assert main(words) == 130
+    assert len(log(out)) == 1
+    assert main([*words, "--resume"]) == 0
+    assert rounds == [0, 1, 1]
+    assert log(out) == log(run)
+    one, other = (read_model(r / "best.safetensors").network for r in (out, run))
+    for a, b in zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_lessons__of_another_run_teach_without_playing(run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "values"
+    words = [*SMALL.split(), "--lessons", str(run), "--out", str(out)]
+    assert main(["imitate", *words, "--rounds", "0"]) == 0
+    (row,) = log(out)
+    assert float(row["shielded_success"]) > 0.34
+    assert not list(out.glob("lessons-*"))
+
+
+@pytest.mark.parametrize("damage", ["none", "other robots", "torn"])
+def test_lessons__that_are_no_use_are_refused(
+    damage: str, run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given, words = tmp_path / "given", ["imitate", "--out", str(tmp_path / "run")]
+    given.mkdir()
+    if damage != "none":
+        content = (run / "lessons-0.npz").read_bytes()
+        (given / "lessons-0.npz").write_bytes(content[:5000] if damage == "torn" else content)
+    if damage == "other robots":
+        words += ["--set", "n_joints=6"]
+    assert main([*words, "--lessons", str(given)]) == 2
+    err = capfd.readouterr().err
+    assert err.startswith(f"error: lessons = '{given}'")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("which", ["best", "last"])
+def test_export__writes_model_manifest_and_card(which: str, run: Path, tmp_path: Path) -> None:
+    more = ["--last"] if which == "last" else []
+    assert main(["export", str(run), *more, "--into", str(tmp_path)]) == 0
+    model = read_model(tmp_path / "imitate.safetensors")
+    wanted = read_model(run / f"{which}.safetensors")
+    np.testing.assert_array_equal(model.network.weights[0], wanted.network.weights[0])
+    card = (tmp_path / "imitate.md").read_text()
+    assert "python -m train imitate --rounds 2" in card
+    assert "| seed | 5 |" in card
+    validation = wanted.made["validation"]
+    assert f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s" in card
+    if which == "last":
+        assert validation["round"] == 2
+    manifest = (tmp_path / "imitate.json").read_text()
+    assert str(tmp_path) not in manifest  # the results' folder is nobody's business
+    assert json.loads(manifest)["made"]["versions"]["torch"]
+
+
+def test_export__refuses_what_is_no_finished_run(
+    run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(tmp_path)]) == 2
+    assert "the folder of a run" in capfd.readouterr().err
+    (tmp_path / "run.json").write_text((run / "run.json").read_text())
+    assert main(["export", str(tmp_path)]) == 2
+    assert "a run that has a model" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "hint"),
+    [
+        ("round: 3", "did you mean 'rounds'"),
+        ("rounds: many", "rounds = 'many': expected a value of type int"),
+        ("- rounds", "a mapping of options"),
+        ("rounds: [", "a YAML file"),
+        ("rounds: 0", "rounds = 0: expected a positive"),
+    ],
+)
+def test_config__with_nonsense_is_refused(
+    content: str, hint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text(content)
+    assert main(["imitate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
+    err = capfd.readouterr().err
+    assert hint in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_config__stands_between_defaults_and_flags(tmp_path: Path) -> None:
+    from train.config import parse_with_file
+    from train.imitate import Options
+
+    file = tmp_path / "my.yaml"
+    file.write_text("rounds: 7\nhidden: [5, 6]\nviolation: 1\nseed: 3\ninit: a.safetensors\n")
+    options = parse_with_file(Options, "imitate", ["--config", str(file), "--seed", "4"])
+    assert (options.rounds, options.fit.hidden, options.fit.violation) == (7, (5, 6), 1.0)
+    assert (options.run.seed, options.init) == (4, Path("a.safetensors"))
+    assert options.depth == Options().depth

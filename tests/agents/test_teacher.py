@@ -1,0 +1,466 @@
+"""Teachers: what modes cost, the states that are collected, the mirror image."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from agents.teacher import (
+    FAILURE,
+    FEW,
+    NEAR_LIMIT,
+    STATE_FIELDS,
+    Decisions,
+    Visit,
+    collect,
+    judge,
+    mirror_image,
+)
+from agents.teacher import join as joined
+from snake_env.modes import mode_table
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, mirror, telling
+from snake_env.params import SnakeParams
+from snake_env.policies.registry import load_policy
+from snake_env.policies.value import load_value, network_value
+from snake_env.sim.masks import action_masks
+from snake_env.sim.observation import observation_rows, observation_size, observe
+from snake_env.sim.simulation import advance, least_distances, predict
+from snake_env.state import SnakeState, StateBatch
+from tests.support.robots import PAPER, random_state, same_state, sim_1_episode
+
+FIVE = SnakeParams(n_joints=5)
+NARROW = SnakeParams.preset("narrow")
+BLOCKED = random_state(1, NARROW, 7)  # no mode is feasible
+
+
+def _student(n_joints: int, highest: bool) -> Network:
+    """Always prefers the lowest mode, or the highest."""
+    preferences = np.arange(len(mode_table(n_joints)), dtype=np.float32)
+    shape = observation_size(n_joints), len(preferences)
+    return Network([np.zeros(shape, np.float32)], [preferences if highest else -preferences])
+
+
+def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
+    options = {
+        "seed": 0, "part": 0, "decisions": 150, "teacher": "lookahead", "depth": 0, "value": None,
+        "student": None, "overweight": 1.0, "mirrored": False, "near_limits": 0.0,
+        "params": params,
+    }  # fmt: skip
+    return Visit(**(options | changes))  # type: ignore[arg-type]
+
+
+def _collected(params: SnakeParams = FIVE, **changes: object) -> Decisions:
+    return collect(_visit(params, **changes))[1]
+
+
+def _same(one: Decisions, other: Decisions) -> bool:
+    return (
+        all(
+            np.array_equal(getattr(one.states, name), getattr(other.states, name))
+            for name in STATE_FIELDS
+        )
+        and np.array_equal(one.mask, other.mask)
+        and np.array_equal(one.feasible, other.feasible)
+        and np.array_equal(one.cost_to_go, other.cost_to_go)
+    )
+
+
+def _mirrored(state: SnakeState, params: SnakeParams) -> SnakeState:
+    """The robot's mirror image, written down once more."""
+    return state.replace(
+        w=np.array([state.w[0], -state.w[1], 2.0 * params.w_d[2] - state.w[2]]),
+        phi=-state.phi,
+        target=-state.target,
+        ref_start=-state.ref_start,
+        last_turn=-state.last_turn,
+    )
+
+
+def _decisions(states: Sequence[SnakeState], params: SnakeParams) -> Decisions:
+    return judge(StateBatch.stack(states), "lookahead", params)
+
+
+@pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
+@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
+def test_judge__knows_what_is_feasible(teacher, params: SnakeParams) -> None:
+    n = params.n_joints
+    states = [random_state(seed, params, max(1, n - seed)) for seed in range(n - 1)]
+    decisions = judge(StateBatch.stack(states), teacher, params)
+    shape = (n - 1, len(mode_table(n)))
+    assert decisions.mask.shape == decisions.feasible.shape == decisions.cost_to_go.shape == shape
+    for k, state in enumerate(states):
+        valid = mode_table(n).valid(state.phase)
+        feasible = np.zeros(shape[1], dtype=bool)
+        feasible[valid] = predict(state, valid, params).feasible
+        assert np.array_equal(decisions.feasible[k], feasible)
+        assert np.array_equal(np.isfinite(decisions.cost_to_go[k]), feasible)
+        assert decisions.cost_to_go[k].min() >= 1.0
+        assert (decisions.cost_to_go[k][feasible] <= 1.0 + FAILURE).all()
+        assert same_state(decisions.states[k], state)
+    assert np.array_equal(decisions.mask, action_masks(decisions.states, "instant", params))
+    assert decisions.feasible.any()
+    assert not decisions.feasible[decisions.feasible.any(axis=1)].all(axis=1).any()
+
+
+def _intervals(state: SnakeState, params: SnakeParams) -> float:
+    """Intervals that the policy ``analytic`` needs; FAILURE where it breaks down or takes longer."""
+    policy = load_policy("analytic", params)
+    for count in itertools.count():
+        if state.done:
+            return count
+        if count == FAILURE - 1:
+            return FAILURE
+        state, prediction = advance(state, policy.select_mode(state), params)
+        if not prediction.feasible[0]:
+            return FAILURE
+    raise AssertionError
+
+
+def test_analytic__is_one_interval_and_what_21_needs_from_there() -> None:
+    late = [state for state in sim_1_episode()[0] if 5 <= state.phase <= 8]
+    others = [random_state(seed, PAPER, 6) for seed in range(6)]
+    states = [*late, *others]
+    cost = judge(StateBatch.stack(states), "analytic", PAPER).cost_to_go
+    seen = set()
+    for state, costs in zip(states, cost, strict=True):
+        for mode in np.flatnonzero(np.isfinite(costs)):
+            expected = 1.0 + _intervals(advance(state, int(mode), PAPER)[0], PAPER)
+            assert costs[mode] == expected
+            seen.add(expected)
+    assert {1.0, 2.0, 3.0, 1.0 + FAILURE} <= seen
+
+
+def test_analytic__counts_sim_1_down() -> None:
+    states, modes, _ = sim_1_episode()
+    cost = judge(StateBatch.stack(states[:-1]), "analytic", PAPER).cost_to_go
+    assert [float(row[mode]) for row, mode in zip(cost, modes, strict=True)] == [
+        *range(len(modes), 0, -1)
+    ]
+
+
+def _after(state: SnakeState, params: SnakeParams) -> dict[int, SnakeState]:
+    """Where each feasible mode leads."""
+    valid = mode_table(params.n_joints).valid(state.phase)
+    feasible = valid[predict(state, valid, params).feasible]
+    return {int(mode): advance(state, int(mode), params)[0] for mode in feasible}
+
+
+def _best(state: SnakeState, depth: int, params: SnakeParams) -> float:
+    """The least sum of intervals and value, by trying everything."""
+    if depth == 0 or state.done:
+        return max(0.0, float(load_value(params)(StateBatch.stack([state]))[0]))
+    leaves = [_best(after, depth - 1, params) for after in _after(state, params).values()]
+    return min([FAILURE, *(1.0 + leaf for leaf in leaves)])
+
+
+@pytest.mark.parametrize("params", [PAPER, NARROW, FIVE])
+@pytest.mark.parametrize("depth", [0, 1, 2])
+def test_lookahead__is_the_best_leaf_and_the_way_there(depth: int, params: SnakeParams) -> None:
+    n = params.n_joints
+    states = [random_state(seed, params, n - 3 + seed % 4) for seed in range(8)]
+    cost = judge(StateBatch.stack(states), "lookahead", params, depth).cost_to_go
+    checked = 0
+    for state, costs in zip(states, cost, strict=True):
+        for mode, after in _after(state, params).items():
+            expected = 1.0 + min(_best(after, depth, params), FAILURE)
+            assert costs[mode] == pytest.approx(expected, abs=1e-4)
+            checked += 1
+    assert checked > 6
+
+
+@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
+def test_judge__of_a_deadlock_finds_nothing(teacher) -> None:
+    for depth in (0, 1):
+        decisions = judge(StateBatch.stack([BLOCKED] * 2), teacher, NARROW, depth)
+        assert not decisions.feasible.any()
+        assert np.isinf(decisions.cost_to_go).all()
+        assert len(decisions) == 2
+
+
+def test_mode_that_leads_into_a_deadlock__costs_a_failure() -> None:
+    seen = 0
+    for seed in range(60):
+        state = random_state(seed, NARROW, 7)
+        leads = _after(state, NARROW)
+        dead = [mode for mode, after in leads.items() if not after.done]
+        dead = [mode for mode in dead if not _after(leads[mode], NARROW)]
+        if dead:
+            batch = StateBatch.stack([state])
+            for cost in (
+                judge(batch, "lookahead", NARROW, depth=1).cost_to_go[0],
+                judge(batch, "analytic", NARROW).cost_to_go[0],
+            ):
+                assert (cost[dead] == 1.0 + FAILURE).all()
+            seen += 1
+    assert seen >= 3
+
+
+@pytest.mark.parametrize("n_joints", [5, 8, 9])
+def test_mirror_image__moves_as_the_mirrored_robot(n_joints: int) -> None:
+    params = SnakeParams(n_joints=n_joints)
+    states = [random_state(seed, params, 1 + seed % n_joints) for seed in range(2 * n_joints)]
+    image = mirror_image(_decisions(states, params), params)
+    compared = 0
+    for k, state in enumerate(states):
+        mirrored = image.states[k]
+        expected = _mirrored(state, params)
+        assert mirrored.w == pytest.approx(expected.w, abs=1e-15)
+        assert same_state(mirrored.replace(w=expected.w), expected)
+        modes = mode_table(n_joints).valid(state.phase)
+        one, other = predict(state, modes, params), predict(mirrored, modes, params)
+        assert np.array_equal(one.feasible, other.feasible)
+        kept = one.feasible
+        assert np.abs(one.phi[kept] + other.phi[kept]).max(initial=0.0) < 1e-9
+        flipped = np.column_stack([other.w[:, 0], -other.w[:, 1], 2 * np.pi - other.w[:, 2]])
+        assert np.abs(one.w[kept] - flipped[kept]).max(initial=0.0) < 1e-9
+        assert one.cost[kept] == pytest.approx(other.cost[kept], rel=1e-6)
+        compared += kept.sum()
+    assert compared > 2 * n_joints
+
+
+def test_mirror_image__keeps_what_was_decided() -> None:
+    decisions = _decisions([random_state(seed) for seed in range(6)], PAPER)
+    image = mirror_image(decisions, PAPER)
+    for name in ("mask", "feasible", "cost_to_go"):
+        assert np.array_equal(getattr(image, name), getattr(decisions, name))
+    for name in ("phase", "phase_time", "elapsed", "last_mode"):
+        assert np.array_equal(getattr(image.states, name), getattr(decisions.states, name))
+    again = mirror_image(image, PAPER).states
+    assert np.array_equal(again.phi, decisions.states.phi)
+    assert again.w == pytest.approx(decisions.states.w, abs=1e-15)
+    judged = judge(image.states, "analytic", PAPER)
+    own = judge(decisions.states, "analytic", PAPER)
+    assert np.array_equal(judged.feasible, own.feasible)
+    assert np.array_equal(judged.cost_to_go, own.cost_to_go)
+    assert np.array_equal(judged.mask, own.mask)
+
+
+def _moved(seed: int, params: SnakeParams) -> SnakeState:
+    """A state with a last mode and a last turn."""
+    state = random_state(seed, params, 1 + seed % params.n_joints, head_error=0.05)
+    valid = mode_table(params.n_joints).valid(state.phase)
+    return advance(state, int(valid[seed % len(valid)]), params)[0]
+
+
+@pytest.mark.parametrize(
+    "params", [FIVE, PAPER, SnakeParams(n_joints=9), NARROW], ids=["5", "8", "9", "narrow"]
+)
+def test_mirror__is_the_observation_of_the_mirrored_robot(params: SnakeParams) -> None:
+    states = [_moved(seed, params) for seed in range(30)]
+    mirrored = [_mirrored(state, params) for state in states]
+    order, sign = mirror(params.n_joints)
+    one = observe(StateBatch.stack(states), params)
+    other = observe(StateBatch.stack(mirrored), params)
+    assert np.abs(one[:, order] * sign - other).max() < 1e-6
+    assert np.abs(one - other).max(axis=0).astype(bool).sum() > len(sign) / 2
+
+
+@pytest.mark.parametrize("hidden", [[], [11], [11, 7]])
+@pytest.mark.parametrize("n_joints", [5, 8])
+def test_symmetric_network__is_the_mean_of_what_both_images_get(
+    n_joints: int, hidden: list[int]
+) -> None:
+    sizes = [observation_size(n_joints), *hidden, 4]
+    rng = np.random.default_rng(len(hidden))
+    network = Network(
+        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    order, sign = mirror(n_joints)
+    x = rng.uniform(-1.0, 1.0, (6, sizes[0])).astype(np.float32)
+    symmetric = SymmetricNetwork(network, n_joints)
+    mean = 0.5 * (network(x) + network(x[:, order] * sign))
+    np.testing.assert_allclose(symmetric(x), mean, atol=1e-5)
+    np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(symmetric(x[:1]), mean[:1], atol=1e-5)
+
+
+@pytest.mark.parametrize("n_joints", [5, 8])
+def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negative(
+    n_joints: int,
+) -> None:
+    sizes = [observation_size(n_joints), 7, 4]
+    rng = np.random.default_rng(0)
+    network = Network(
+        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    order, sign = mirror(n_joints)
+    asked = CanonicalNetwork(network, n_joints)
+    last = [name for name, size in observation_rows(n_joints) for _ in range(size)]
+    last_target = len(last) - 1 - last[::-1].index("target")
+    assert telling(sizes[0]) == last_target
+    x = rng.uniform(-1.0, 1.0, (8, sizes[0])).astype(np.float32)
+    x[0, last_target] = 0.0
+    images = x[:, order] * sign
+    left = x[:, last_target] >= 0.0
+    assert 2 <= left.sum() <= 6
+    wanted = network(np.where(left[:, None], x, images))
+    assert not np.allclose(wanted, network(x), atol=1e-2)
+    np.testing.assert_allclose(asked(x), wanted, atol=1e-5)
+    for same_side in (x[left][1:], x[~left]):  # as in one episode; at 0 it is both images
+        np.testing.assert_allclose(asked(same_side), asked(same_side[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(asked(x[left]), wanted[left], atol=1e-5)
+    np.testing.assert_allclose(asked(x[~left]), wanted[~left], atol=1e-5)
+    assert asked(x[:0]).shape == (0, 4)
+
+
+@pytest.mark.parametrize("n_joints", [5, 8, 9, 16])
+def test_mirror__twice_is_nothing(n_joints: int) -> None:
+    order, sign = mirror(n_joints)
+    x = np.random.default_rng(0).normal(size=(3, observation_size(n_joints))).astype(np.float32)
+    assert order.shape == sign.shape == x.shape[1:]
+    once = x[:, order] * sign
+    assert not np.array_equal(once, x)
+    assert np.array_equal(once[:, order] * sign, x)
+
+
+@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
+def test_collect__gives_just_as_many_decisions_as_asked(teacher) -> None:
+    for decisions in (1, 64, 333):
+        part, found = collect(_visit(part=7, decisions=decisions, teacher=teacher))
+        assert part == 7
+        assert len(found) == decisions
+        choices = mode_table(5).masks(found.states.phase).sum(axis=1)
+        assert choices.min() > 1  # between a single mode there is nothing to decide
+        assert found.states.phase.max() <= 5
+
+
+def test_collect__says_what_judge_says() -> None:
+    for depth in (0, 1):
+        found = _collected(depth=depth, decisions=80)
+        assert _same(found, judge(found.states, "lookahead", FIVE, depth))
+    found = _collected(teacher="analytic", decisions=80)
+    assert _same(found, judge(found.states, "analytic", FIVE))
+    eleven = Network(
+        [np.zeros((observation_size(5), 1), np.float32)], [np.full(1, 11.0, np.float32)]
+    )
+    found = _collected(value=eleven, decisions=80)
+    assert _same(found, judge(found.states, "lookahead", FIVE, 0, network_value(eleven, FIVE)))
+    assert set(found.cost_to_go[found.feasible]) == {12.0}  # none of them reaches the target
+
+
+def test_collect__is_decided_by_seed_and_part() -> None:
+    found = {key: _collected(seed=key[0], part=key[1]) for key in ((0, 0), (0, 1), (1, 0))}
+    for (seed, part), decisions in found.items():
+        assert _same(decisions, _collected(seed=seed, part=part))
+    for one, other in itertools.combinations(found.values(), 2):
+        shapes = {row.tobytes() for row in one.states.target}
+        assert not shapes & {row.tobytes() for row in other.states.target}
+
+
+def test_collect__adds_the_mirror_image() -> None:
+    plain, both = _collected(decisions=90), _collected(decisions=90, mirrored=True)
+    assert len(both) == 180
+    assert _same(both, joined([plain, mirror_image(plain, FIVE)]))
+
+
+def _steps(decisions: Decisions) -> list[tuple[int, int]]:
+    """Pairs of decisions that follow each other in an episode."""
+    at = {
+        (target.tobytes(), round(float(elapsed), 6)): k
+        for k, (target, elapsed) in enumerate(
+            zip(decisions.states.target, decisions.states.elapsed, strict=True)
+        )
+    }
+    pairs = [(at.get((target, round(elapsed - 3.0, 6))), k) for (target, elapsed), k in at.items()]
+    return [(before, k) for before, k in pairs if before is not None]
+
+
+def test_collect__visits_the_states_of_a_student() -> None:
+    found = _collected(PAPER, student=_student(8, highest=False), decisions=300)
+    steps = _steps(found)
+    assert len(steps) > 100
+    for before, after in steps:
+        assert found.feasible[before, 0]
+        assert found.states.last_mode[after] == 0
+    other = _collected(PAPER, decisions=300)
+    assert np.mean(other.states.last_mode == 0) < 0.3
+
+
+@pytest.mark.parametrize("params", [NARROW, PAPER])
+def test_collect__goes_on_with_the_teacher_where_the_student_fails(params: SnakeParams) -> None:
+    found = _collected(params, student=_student(params.n_joints, highest=True), decisions=400)
+    followed = refused = 0
+    for before, after in _steps(found):
+        chosen = found.states.last_mode[after]
+        assert found.feasible[before, chosen]
+        wish = np.flatnonzero(found.mask[before])[-1]
+        followed += chosen == wish
+        refused += chosen != wish
+        assert (chosen == wish) == found.feasible[before, wish]
+    assert followed > 50
+    assert refused > 5
+
+
+def test_collect__follows_its_teacher_in_half_of_the_episodes() -> None:
+    found = _collected(PAPER, decisions=900)
+    strict: dict[bytes, bool] = {}
+    states, steps = found.states, _steps(found)
+    for before, after in steps:
+        target = states.target[after].tobytes()
+        best = int(found.cost_to_go[before].argmin())
+        strict[target] = strict.get(target, True) and states.last_mode[after] == best
+    assert len(strict) >= 64
+    assert 0.35 < np.mean(list(strict.values())) < 0.75  # noise may change nothing
+    for before, after in steps:
+        assert same_state(
+            states[after], advance(states[before], int(states.last_mode[after]), PAPER)[0]
+        )
+
+
+def _near_deadlock(decisions: Decisions) -> float:
+    """The share of states with a choice of which at most three are feasible."""
+    valid = mode_table(8).masks(decisions.states.phase).sum(axis=1)
+    near = (decisions.feasible.sum(axis=1) <= FEW) & (valid > FEW)
+    return float(near.mean())
+
+
+def test_overweight__keeps_more_states_near_a_deadlock() -> None:
+    plain = _near_deadlock(_collected(NARROW, seed=2, decisions=1500))
+    often = _near_deadlock(_collected(NARROW, seed=2, decisions=1500, overweight=4.0))
+    assert 0.01 < plain < 0.3
+    odds = plain / (1.0 - plain), often / (1.0 - often)
+    assert 2.5 < odds[1] / odds[0] < 6.0
+
+
+@pytest.mark.parametrize("params", [FIVE, PAPER], ids=["5", "8"])
+def test_near_limits__is_the_share_of_episodes_in_which_a_joint_begins_there(
+    params: SnakeParams,
+) -> None:
+    def share_near(near_limits: float) -> float:
+        states = _collected(params, decisions=3000, near_limits=near_limits).states
+        first = states.phi[states.elapsed == 0.0]
+        assert len(first) > 100
+        assert np.abs(first).max() <= params.phi_limit
+        assert least_distances(first, params).min() >= params.d_collision
+        return float((np.abs(first).max(axis=1) >= params.phi_limit - NEAR_LIMIT).mean())
+
+    none, all_of_them = share_near(0.0), share_near(1.0)
+    chance = 1.0 - (1.0 - NEAR_LIMIT / params.phi_limit) ** params.n_joints
+    assert none == pytest.approx(chance, abs=0.12)  # 0.15 and 0.23
+    assert all_of_them > 0.7  # the others' links would be too close together
+    assert none < share_near(0.5) < all_of_them
+
+
+def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:
+    student = _student(8, highest=True)
+
+    def wrong(decisions: Decisions) -> float:
+        favourite = np.where(decisions.mask, student.biases[0], -np.inf).argmax(axis=1)
+        return float(np.mean(~decisions.feasible[np.arange(len(favourite)), favourite]))
+
+    plain, often = (
+        wrong(_collected(PAPER, decisions=1200, student=student, overweight=weight))
+        for weight in (1.0, 4.0)
+    )
+    assert 0.01 < plain < 0.5
+    odds = plain / (1.0 - plain), often / (1.0 - often)
+    assert 2.5 < odds[1] / odds[0] < 6.0
+
+
+def test_collect__covers_all_phases_that_leave_a_choice() -> None:
+    found = _collected(PAPER, decisions=900)
+    assert set(found.states.phase.tolist()) == set(range(1, 8))

@@ -1,0 +1,187 @@
+"""Compiled code: kept for the next process, mended when damaged, done without when it can't be."""
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from snake_env.equations.tracing import Trace
+from snake_env.kernel import compiler
+from tests.support import ROOT
+
+PREDICT = """
+import numpy as np
+from snake_env.params import SnakeParams
+from snake_env.sim.simulation import predict
+from snake_env.state import SnakeState
+params = SnakeParams(n_joints=5)
+state = SnakeState.initial([0.3] * 5, [0.1, -0.2, 0.3, 0.4, -0.5], params)
+print(predict(state, [0, 1, 2], params).j.tobytes().hex())
+"""
+
+
+def _python(code: str, cache: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, compiler.CACHE_VARIABLE: str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+def _ir(added: float, lanes: int = 8) -> str:
+    """Code that adds a number to row 0 and stores the sum in row 1."""
+    trace = Trace()
+    trace.store(1, trace.lane(0) + added)
+    return compiler.emit(Trace(), trace, 2, 0, 1, lanes)
+
+
+def _call(function: compiler.BlockFunction) -> float:
+    raw = np.zeros(3 * 8)
+    block = raw[-(raw.ctypes.data // 8) % 8 :][:16]
+    block[:8] = 1.0
+    function(block.ctypes.data, 0, 0, 0, 1)
+    assert len(set(block[8:16])) == 1
+    return float(block[8])
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache folder of this test's own."""
+    folder = tmp_path / "cache"
+    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(folder))
+    return folder
+
+
+def test_second_process__compiles_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "cache"
+    first = _python(PREDICT, folder)
+    assert first.stderr.count("compiling the kernel for 5 joints, once") == 1
+    (kept,) = folder.iterdir()
+    before = kept.stat()
+    second = _python(PREDICT, folder)
+    assert second.stderr == ""
+    assert second.stdout == first.stdout
+    assert list(folder.iterdir()) == [kept]
+    assert (kept.stat().st_mtime_ns, kept.stat().st_ino) == (before.st_mtime_ns, before.st_ino)
+
+
+def test_import__compiles_nothing_and_loads_no_heavy_package(tmp_path: Path) -> None:
+    heavy = "{'torch', 'stable_baselines3', 'matplotlib', 'numba', 'pandas'}"
+    done = _python(f"import snake_env, sys; print({heavy} & set(sys.modules))", tmp_path / "cache")
+    assert done.stdout.strip() == "set()"
+    assert done.stderr == ""
+    assert not (tmp_path / "cache").exists()
+
+
+def test_unwritable_cache__warns_and_still_works(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    done = _python(PREDICT, tmp_path / "file" / "cache")
+    assert "RuntimeWarning: can't keep compiled code in" in done.stderr
+    assert compiler.CACHE_VARIABLE in done.stderr
+    assert done.stdout == _python(PREDICT, tmp_path / "writable").stdout
+    assert (tmp_path / "file").read_text() == "not a folder"
+
+
+def test_load__warns_where_the_cache_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(tmp_path / "file" / "cache"))
+    with pytest.warns(RuntimeWarning, match="every process compiles anew"):
+        function = compiler.load(_ir(2.0), "a test")
+    assert _call(function) == 3.0
+
+
+def test_load__announces_what_it_compiles_once(
+    cache: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert _call(compiler.load(_ir(2.0), "a test")) == 3.0
+    assert [record.getMessage() for record in caplog.records] == [
+        "compiling the kernel for a test, once"
+    ]
+    caplog.clear()
+    assert _call(compiler.load(_ir(2.0), "a test")) == 3.0
+    assert not caplog.records
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_load__keeps_different_code_apart(cache: Path) -> None:
+    functions = [compiler.load(_ir(added), "a test") for added in (2.0, 3.0, 2.0)]
+    assert [_call(function) for function in functions] == [3.0, 4.0, 3.0]
+    assert len(list(cache.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: data[:40],
+        lambda data: data[:-1],
+        lambda data: data[:100] + bytes([data[100] ^ 1]) + data[101:],
+        lambda data: bytes(32) + data[32:],
+        lambda data: b"\0" * len(data),
+    ],
+    ids=["empty", "header", "truncated", "flipped", "digest", "zeros"],
+)
+def test_damaged_cache__is_compiled_again_and_mended(
+    cache: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[bytes], bytes]
+) -> None:
+    compiler.load(_ir(2.0), "a test")
+    (path,) = cache.iterdir()
+    good = path.read_bytes()
+    path.write_bytes(damage(good))
+    caplog.clear()
+    assert _call(compiler.load(_ir(2.0), "a test")) == 3.0
+    assert "compiling" in caplog.text
+    assert path.read_bytes() == good
+    assert hashlib.sha256(good[32:]).digest() == good[:32]
+    assert list(cache.iterdir()) == [path]  # no half-written file is left behind
+
+
+def test_failed_write__warns_and_leaves_no_half_written_file(cache: Path) -> None:
+    compiler.load(_ir(2.0), "a test")
+    (path,) = cache.iterdir()
+    path.unlink()
+    path.mkdir()  # stands in the way
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert _call(compiler.load(_ir(2.0), "a test")) == 3.0
+    assert [w.category for w in caught] == [RuntimeWarning]
+    assert list(cache.iterdir()) == [path]
+
+
+def test_cache_folder__is_the_users_unless_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(tmp_path))
+    assert compiler.cache_folder() == tmp_path
+    monkeypatch.delenv(compiler.CACHE_VARIABLE)
+    assert compiler.cache_folder().name == "snake-mode-env"
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 8])
+def test_emit__promises_no_more_alignment_than_a_row_has(lanes: int) -> None:
+    promised = {int(number) for number in re.findall(r"x double>.*align (\d+)", _ir(2.0, lanes))}
+    assert promised
+    assert max(promised) <= 8 * lanes
+
+
+def test_emit__uses_strict_arithmetic_only() -> None:
+    trace = Trace()
+    a, b = trace.lane(0), trace.lane(1)
+    trace.store(1, (-a * b + a / b - (a - b).sqrt()))
+    ir = compiler.emit(Trace(), trace, 2, 0, 1, 8)
+    for name in ("fadd", "fsub", "fmul", "fdiv", "fneg"):
+        assert re.search(rf" = {name} <8 x double> ", ir), name
+    flags = ("fast", "contract", "reassoc", "nnan", "ninf", "arcp", "afn", "nsz", "fma")
+    assert not re.search(rf"\b({'|'.join(flags)})\b", ir)

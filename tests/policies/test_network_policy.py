@@ -1,0 +1,181 @@
+"""Learned policies without roll-outs, and their shield."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from snake_env import InvalidInputError, SnakeParams, SnakeState, UnknownNameError, load_policy
+from snake_env.networks.model_file import Model, write_model
+from snake_env.networks.network import Network
+from snake_env.policies.network_policy import NetworkPolicy
+from snake_env.policies.shield import ShieldedPolicy
+from snake_env.sim.masks import instant_mask
+from snake_env.sim.observation import observe_one
+from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.sim.simulation import advance, predict
+from snake_env.sim.tasks import load_tasks
+from tests.support.models import model_of
+
+PARAMS = SnakeParams()
+SUITE = load_tasks("random:40:9", PARAMS)
+
+
+def preferring(order: list[int]) -> Model:
+    """A network that prefers modes in this order, whatever it sees."""
+    bias = np.zeros(99, dtype=np.float32)
+    bias[order] = np.arange(len(order), 0, -1)
+    return Model("policy", 8, Network([np.zeros((99, 99), dtype=np.float32)], [bias]))
+
+
+def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
+    """What the network says of the state and of the mirrored robot, together; and the mask."""
+    observation, mask = observe_one(state, PARAMS)
+    x, y, theta = state.w - PARAMS.w_d
+    mirrored = state.replace(
+        w=np.array([x, -y, -theta]) + PARAMS.w_d,
+        phi=-state.phi,
+        target=-state.target,
+        ref_start=-state.ref_start,
+        last_turn=-state.last_turn,
+    )
+    image, _ = observe_one(mirrored, PARAMS)
+    return model.network(observation) + model.network(image), mask
+
+
+@pytest.mark.parametrize("task", range(5))
+def test_choice__is_the_preferred_stable_mode(task: int) -> None:
+    state, model = SUITE.initial(task, PARAMS), model_of(task)
+    preferences, mask = wanted(model, state)
+    policy = NetworkPolicy(PARAMS, model)
+    mode = policy.select_mode(state)
+    assert mask[mode]
+    assert preferences[mode] == pytest.approx(preferences[mask].max(), rel=1e-4)
+    assert policy.rollouts == 0
+
+
+def test_ranking__holds_every_open_mode_once_the_best_first() -> None:
+    state, model = SUITE.initial(0, PARAMS), model_of()
+    ranking = NetworkPolicy(PARAMS, model).ranking(state)
+    preferences, mask = wanted(model, state)
+    np.testing.assert_array_equal(np.sort(ranking), np.flatnonzero(mask))
+    assert (np.diff(preferences[ranking]) <= 1e-4).all()
+
+
+@pytest.mark.parametrize("task", range(10))
+def test_choice__is_that_of_the_mirrored_robot(task: int) -> None:
+    state = SUITE.initial(task, PARAMS)
+    mirrored = SnakeState.initial(-state.phi, -state.target, PARAMS)
+    one, other = (NetworkPolicy(PARAMS, model_of(task)).select_mode(s) for s in (state, mirrored))
+    assert one == other
+
+
+def test_standing_still__no_choice_is_repeated_until_all_have_been_tried() -> None:
+    state = SUITE.initial(0, PARAMS)
+    policy = NetworkPolicy(PARAMS, model_of())
+    count = int(instant_mask(state, PARAMS).sum())
+    chosen = [policy.select_mode(state) for _ in range(count)]
+    assert sorted(chosen) == sorted(set(chosen))
+    assert policy.select_mode(state) == chosen[0]  # all have been tried: the favourite again
+
+
+def test_moving_on__makes_all_choices_open_again() -> None:
+    state = SUITE.initial(0, PARAMS)
+    policy = NetworkPolicy(PARAMS, model_of())
+    first = policy.select_mode(state)
+    moved = state.replace(phi=state.phi + 0.002)
+    again = NetworkPolicy(PARAMS, model_of()).select_mode(moved)
+    assert policy.select_mode(moved) == again == first
+    policy.select_mode(moved)
+    policy.reset()
+    assert policy.select_mode(moved) == first
+
+
+def test_model__of_other_robots_or_another_kind_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="n_joints = 8: expected 6"):
+        NetworkPolicy(PARAMS, model_of(n_joints=6))
+    with pytest.raises(InvalidInputError, match=r"model\.kind"):
+        NetworkPolicy(PARAMS, model_of(kind="value"))
+
+
+def test_shield__passes_a_feasible_favourite_for_one_rollout() -> None:
+    state = SUITE.initial(1, PARAMS)
+    mode = AnalyticOptimizer(PARAMS).select(state).mode
+    assert mode is not None
+    policy = ShieldedPolicy(NetworkPolicy(PARAMS, preferring([mode])), PARAMS)
+    assert policy.select_mode(state) == mode
+    assert policy.rollouts == 1
+
+
+def test_shield__takes_the_first_feasible_choice() -> None:
+    for task in range(40):
+        state = SUITE.initial(task, PARAMS)
+        stable = np.flatnonzero(instant_mask(state, PARAMS))
+        feasible = predict(state, stable, PARAMS).feasible
+        if feasible.all():
+            continue
+        bad, good = stable[~feasible][:3], stable[feasible][:2]
+        network = NetworkPolicy(PARAMS, preferring([*bad.tolist(), *good.tolist()]))
+        policy = ShieldedPolicy(network, PARAMS)
+        assert policy.select_mode(state) == good[0]
+        assert 1 < policy.rollouts <= 9
+        return
+    pytest.fail("no task has a stable mode that turns out infeasible")
+
+
+def test_shield__asks_the_optimiser_where_a_policy_has_one_choice_only() -> None:
+    class Stubborn:
+        rollouts = 5
+
+        def reset(self, seed: int | None = None) -> None: ...
+
+        def select_mode(self, state: SnakeState) -> int:
+            return bad
+
+    for task in range(40):
+        state = SUITE.initial(task, PARAMS)
+        selection = AnalyticOptimizer(PARAMS).select(state)
+        if selection.mode is None or selection.prediction.feasible.all():
+            continue
+        bad = int(selection.modes[np.argmin(selection.prediction.feasible)])
+        policy = ShieldedPolicy(Stubborn(), PARAMS)
+        assert policy.select_mode(state) == selection.mode
+        assert policy.rollouts == 5 + 1 + len(selection.modes)
+        return
+    pytest.fail("every mode is feasible everywhere")
+
+
+def test_shield__breaks_no_constraint_unless_there_is_no_other_way() -> None:
+    policy = ShieldedPolicy(NetworkPolicy(PARAMS, model_of(3)), PARAMS)
+    for task in range(len(SUITE)):
+        state = SUITE.initial(task, PARAMS)
+        policy.reset(task)
+        for _ in range(12):
+            after, prediction = advance(state, policy.select_mode(state), PARAMS)
+            if not prediction.feasible[0]:
+                assert AnalyticOptimizer(PARAMS).select(state).mode is None
+                break
+            state = after
+            if state.done:
+                break
+
+
+def test_load_policy__runs_model_files_raw_and_shielded(tmp_path: Path) -> None:
+    path = tmp_path / "mine.safetensors"
+    write_model(path, model_of())
+    state = SUITE.initial(0, PARAMS)
+    wanted = NetworkPolicy(PARAMS, model_of()).select_mode(state)
+    assert load_policy(path).select_mode(state) == wanted
+    assert load_policy(str(path)).select_mode(state) == wanted
+    shielded = load_policy(f"{path}+shield")
+    shielded.select_mode(state)
+    assert shielded.rollouts >= 1
+
+
+def test_load_policy__says_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'analytic'"):
+        load_policy("analytik+shield")
+    with pytest.raises(InvalidInputError, match="manifest"):
+        load_policy(tmp_path / "missing.safetensors")
+    with pytest.raises(InvalidInputError, match="ships for these robots"):
+        load_policy("ppo", PARAMS.replace(n_joints=5))

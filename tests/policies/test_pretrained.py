@@ -1,0 +1,65 @@
+"""The models that ship: each is what its manifest says, has a card, and decides well."""
+
+import json
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from evaluate.protocol import Shard, run_shard
+from snake_env import SnakeParams, load_policy
+from snake_env.networks.model_file import read_model
+from snake_env.sim.observation import observation_size
+from snake_env.sim.tasks import load_tasks
+
+FOLDER = Path(str(files("snake_env") / "pretrained"))
+MODELS = sorted(path.stem for path in FOLDER.glob("*.safetensors"))
+POLICIES = [name for name in MODELS if not name.startswith(("value", "lookahead"))]
+
+
+def test_models__ship_for_both_robots() -> None:
+    for name in ("value", "imitate", "ppo"):
+        assert {name, f"{name}-narrow"} <= set(MODELS)
+    assert "dqn" in MODELS
+    assert {path.name for path in FOLDER.iterdir()} == {
+        f"{name}.{suffix}" for name in MODELS for suffix in ("safetensors", "json", "md")
+    }
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_model__tells_how_it_was_made(name: str) -> None:
+    model = read_model(FOLDER / f"{name}.safetensors")
+    card = (FOLDER / f"{name}.md").read_text()
+    assert card.startswith(f"# {name}\n")
+    assert f"`{model.made['command']}`" in card
+    assert f"| seed | {model.made['config']['seed']} |" in card
+    assert model.network.sizes[0] == observation_size(model.n_joints)
+    manifest = json.loads((FOLDER / f"{name}.json").read_text())
+    assert manifest["made"]["versions"]["torch"]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policy__solves_nearly_all_that_its_robot_can_do(name: str) -> None:
+    params = SnakeParams.preset("narrow" if name.endswith("-narrow") else "paper")
+    suite = load_tasks("random:60:4711", params)
+    states = [suite.initial(task, params) for task in range(len(suite))]
+    policy = name.removesuffix("-narrow")
+    rows = run_shard(Shard(policy, list(range(len(suite))), states, params))
+    solved = sum(row["outcome"] == "success" for row in rows) / len(rows)
+    assert solved > (0.95 if params.head_contact else 0.8)
+    assert sum(row["rollouts"] for row in rows) == 0
+
+
+def test_policies__need_no_torch() -> None:
+    code = (
+        "import sys; from snake_env import *; p = SnakeParams(); "
+        "s = load_tasks('sim-1', p).initial(0, p); "
+        "print([load_policy(n, p).select_mode(s) for n in ('imitate', 'ppo', 'dqn', 'ppo+shield')]);"
+        "sys.exit('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    state = load_tasks("sim-1", SnakeParams()).initial(0, SnakeParams())
+    names = ("imitate", "ppo", "dqn", "ppo+shield")
+    assert json.loads(done.stdout) == [load_policy(name).select_mode(state) for name in names]

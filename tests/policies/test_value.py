@@ -1,0 +1,90 @@
+"""Value functions: phases left, and what a network adds."""
+
+import numpy as np
+import pytest
+
+from snake_env.errors import InvalidInputError
+from snake_env.modes import mode_table
+from snake_env.networks.model_file import Model
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import mirror
+from snake_env.params import SnakeParams
+from snake_env.policies.value import NetworkValue, PhaseValue, load_value
+from snake_env.sim.observation import observation_size, observe
+from snake_env.state import StateBatch
+from tests.support.robots import PAPER, random_state, straight_state
+
+
+def _network(outputs: int, n_joints: int = 8) -> Network:
+    rng = np.random.default_rng(0)
+    inputs = observation_size(n_joints)
+    weights = [rng.normal(size=(inputs, 4)), rng.normal(size=(4, outputs))]
+    return Network(
+        [weight.astype(np.float32) for weight in weights],
+        [np.ones(4, np.float32), np.ones(outputs, np.float32)],
+    )
+
+
+def test_phase_value__counts_the_phases_left_and_this_ones_error() -> None:
+    target = np.zeros(8)
+    target[2] = 0.3
+    state = straight_state().replace(target=target)
+    states = StateBatch.stack([state.replace(phase=phase) for phase in range(1, 10)])
+    share = 0.3 / np.pi  # of the widest that a joint can be off
+    assert PhaseValue(PAPER)(states) == pytest.approx([7, 6, 5 + share, 4, 3, 2, 1, 0, 0])
+
+
+def test_network_value__is_the_networks_mean_of_both_images_or_0_at_the_target() -> None:
+    states = [random_state(seed) for seed in range(5)]
+    batch = StateBatch.stack([*states, states[0].replace(phase=9)])
+    network = _network(1)
+    values = NetworkValue(Model("value", 8, network), PAPER)(batch)
+    assert values.dtype == np.float64
+    order, sign = mirror(8)
+    seen = observe(batch, PAPER)
+    mean = 0.5 * (network(seen) + network(seen[:, order] * sign))[:, 0]
+    assert values[:5] == pytest.approx(mean[:5])
+    assert not np.allclose(mean, network(seen)[:, 0])
+    assert values[5] == 0.0
+    assert mean[5] != 0.0
+
+
+def test_network_value__that_is_quick_is_of_one_image() -> None:
+    states = [random_state(seed) for seed in range(6)]
+    batch = StateBatch.stack([*states, states[0].replace(phase=9)])
+    network = _network(1)
+    values = NetworkValue(Model("quick-value", 8, network), PAPER)(batch)
+    order, sign = mirror(8)
+    seen = observe(batch, PAPER)
+    right = batch.target[:, -1] < 0.0
+    assert 1 <= right[:6].sum() <= 5
+    seen[right] = seen[right][:, order] * sign
+    assert values[:6] == pytest.approx(network(seen)[:6, 0], abs=1e-5)
+    assert values[6] == 0.0
+
+
+def test_network_value__of_no_states_is_empty() -> None:
+    values = NetworkValue(Model("value", 8, _network(1)), PAPER)
+    assert values(StateBatch.stack([random_state(0)]).take([])).shape == (0,)
+
+
+def test_network_value__refuses_policies_and_other_robots() -> None:
+    policy = Model("policy", 8, _network(len(mode_table(8))))
+    with pytest.raises(InvalidInputError, match=r"^model\.kind = 'policy': expected value$"):
+        NetworkValue(policy, PAPER)
+    with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5"):
+        NetworkValue(Model("value", 5, _network(1, 5)), PAPER)
+
+
+@pytest.mark.parametrize(
+    "params",
+    [PAPER, SnakeParams.preset("narrow"), SnakeParams(n_joints=5), SnakeParams(n_joints=6)],
+)
+def test_load_value__falls_as_the_target_comes_near(params: SnakeParams) -> None:
+    value, n = load_value(params), params.n_joints
+    means = [
+        float(value(StateBatch.stack([random_state(k, params, phase) for k in range(30)])).mean())
+        for phase in (1, n // 2, n)
+    ]
+    assert means[0] > means[1] > means[2] > 0.0
+    assert value(StateBatch.stack([random_state(0, params, n).replace(phase=n + 1)])) == 0.0

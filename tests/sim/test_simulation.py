@@ -1,0 +1,344 @@
+"""One interval: every lane on its own, to the bit; trajectories, phases, violations, symmetries."""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from snake_env import set_num_threads
+from snake_env.equations.kinematics import d_min
+from snake_env.errors import InvalidInputError
+from snake_env.kernel.interval import get_kernel
+from snake_env.modes import mode_table
+from snake_env.params import SnakeParams
+from snake_env.sim import simulation
+from snake_env.sim.simulation import (
+    Prediction,
+    advance,
+    advance_batch,
+    cost,
+    joint_input,
+    predict,
+    predict_batch,
+    trajectories,
+    trajectory,
+)
+from snake_env.state import SnakeState, StateBatch
+from tests.support.robots import (
+    KNIFE_EDGE,
+    PAPER,
+    feasible_case,
+    random_mode,
+    random_state,
+    seeds,
+    stability_margin,
+    straight_state,
+)
+
+ALL = np.arange(99)
+NARROW = SnakeParams.preset("narrow")
+
+
+def _bits(prediction: Prediction) -> list[bytes]:
+    """Each lane's fields as bytes."""
+    fields = [getattr(prediction, field.name) for field in dataclasses.fields(Prediction)]
+    return [b"".join(field[lane].tobytes() for field in fields) for lane in range(len(prediction))]
+
+
+def _violating(name: str, params: SnakeParams = PAPER) -> tuple[SnakeState, int, Prediction]:
+    """A state and a mode that breaks (22) or (23) after a while."""
+    for seed in range(500):
+        state = random_state(seed, params)
+        modes = mode_table(8).valid(state.phase)
+        prediction = predict(state, modes, params)
+        late = (prediction.violation == name) & (prediction.duration > 0.5)
+        if late.any():
+            mode = int(modes[np.argmax(late)])
+            return state, mode, predict(state, [mode], params)
+    raise AssertionError(f"no mode violates {name}")
+
+
+@pytest.fixture
+def threads() -> Iterator[None]:
+    """Puts the number of threads back."""
+    yield
+    set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def mixed() -> tuple[StateBatch, np.ndarray, list[bytes]]:
+    """90 states of all phases with a mode each, and what each does alone."""
+    states = [random_state(seed) for seed in range(90)]
+    modes = [random_mode(seed, state) for seed, state in enumerate(states)]
+    alone = [_bits(predict(*case, PAPER))[0] for case in zip(states, ([m] for m in modes))]  # noqa: B905
+    return StateBatch.stack(states), np.array(modes), alone
+
+
+def test_lane__does_not_depend_on_the_modes_beside_it() -> None:
+    state = random_state(3, phase=1)
+    together = _bits(predict(state, ALL, PAPER))
+    assert len(set(together)) > 50
+    assert together == [_bits(predict(state, [mode], PAPER))[0] for mode in ALL]
+
+
+def test_lane__does_not_depend_on_the_states_beside_it(mixed) -> None:  # type: ignore[no-untyped-def]
+    states, modes, alone = mixed
+    assert _bits(predict_batch(states, modes, PAPER)) == alone
+    rng = np.random.default_rng(0)
+    for size in (90, 17, 8, 3):
+        order = rng.permutation(90)[:size]
+        bits = _bits(predict_batch(states.take(order), modes[order], PAPER))
+        assert bits == [alone[k] for k in order]
+
+
+def test_mode__may_be_repeated_in_any_order() -> None:
+    state = random_state(3, phase=1)
+    first, second, again = _bits(predict(state, [30, 7, 30], PAPER))
+    assert first == again == _bits(predict(state, [30], PAPER))[0]
+    assert second == _bits(predict(state, [7], PAPER))[0] != first
+
+
+@pytest.mark.parametrize("field", ["w", "phi", "target"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_predict__names_the_shape_that_is_not_finite(field: str, value: float) -> None:
+    wrong = np.array(getattr(straight_state(), field))
+    wrong[-1] = value
+    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*{value}.*finite"):
+        predict(straight_state().replace(**{field: wrong}), [0], PAPER)
+
+
+@pytest.mark.parametrize("field", ["phase_time", "ref_start", "elapsed", "last_turn"])
+@pytest.mark.parametrize("value", [math.nan, -math.inf])
+def test_predict__names_the_number_that_is_not_finite(field: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*{value}.*finite"):
+        predict(straight_state().replace(**{field: value}), [0], PAPER)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 50])
+@pytest.mark.usefixtures("threads")
+def test_lane__does_not_depend_on_threads(mixed, count: int) -> None:  # type: ignore[no-untyped-def]
+    states, modes, alone = mixed
+    set_num_threads(count)
+    assert _bits(predict_batch(states, modes, PAPER)) == alone
+    assert _bits(predict_batch(states.take([5]), modes[[5]], PAPER)) == [alone[5]]
+
+
+def test_lane__does_not_depend_on_the_width_of_blocks(  # type: ignore[no-untyped-def]
+    mixed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    states, modes, alone = mixed
+    monkeypatch.setattr(simulation, "get_kernel", lambda n, head: get_kernel(n, head, lanes=1))
+    assert _bits(predict_batch(states, modes, PAPER)) == alone
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.0, True, None, "2"])
+def test_set_num_threads__refuses_what_is_no_count(count: object) -> None:
+    with pytest.raises(InvalidInputError, match=r"^count = .*positive number of threads"):
+        set_num_threads(count)  # type: ignore[arg-type]
+
+
+def test_predict__of_no_modes_is_empty() -> None:
+    prediction = predict(straight_state(), [], PAPER)
+    assert len(prediction) == 0
+    assert prediction.phi.shape == (0, 8)
+
+
+def test_predict__changes_nothing_it_was_given() -> None:
+    state, modes = random_state(0, phase=1), ALL.copy()
+    before = StateBatch.stack([state])[0]
+    predict(state, modes, PAPER)
+    assert all(
+        np.array_equal(getattr(state, f.name), getattr(before, f.name))
+        for f in dataclasses.fields(SnakeState)
+    )
+    assert np.array_equal(modes, ALL)
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_joint_input__is_the_kernels_to_the_bit(seed: int) -> None:
+    state, mode = feasible_case(seed)
+    motion = trajectory(state, mode, PAPER)
+    for step in (0, 1, 40, 75, 111, 149):
+        there = state.replace(phi=motion.phi[step], w=motion.w[step])
+        u = joint_input(there, mode, float(motion.t[step]), PAPER)
+        assert u.tobytes() == motion.u[step].tobytes()
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_trajectory__is_eulers_and_ends_where_the_prediction_ends(seed: int) -> None:
+    state = random_state(seed)
+    mode = random_mode(seed, state)
+    motion, prediction = trajectory(state, mode, PAPER), predict(state, [mode], PAPER)
+    assert np.array_equal(motion.phi[0], state.phi)
+    assert np.array_equal(motion.w[0], state.w)
+    assert np.array_equal(motion.phi[1:], motion.phi[:-1] + PAPER.dt * motion.u)
+    assert motion.phi[-1].tobytes() == prediction.phi[0].tobytes()
+    assert motion.w[-1].tobytes() == prediction.w[0].tobytes()
+    assert motion.t[-1] == pytest.approx(prediction.duration[0], abs=1e-12)
+    assert len(motion.t) == len(motion.phi) == len(motion.w) == len(motion.u) + 1
+    assert prediction.max_abs_phi[0] == np.abs(motion.phi).max()
+
+
+def test_prediction__sums_up_its_trajectory() -> None:
+    state, mode = feasible_case(11)
+    motion, prediction = trajectory(state, mode, PAPER), predict(state, [mode], PAPER)
+    there = [state.replace(phi=phi) for phi in motion.phi]
+    integral = sum(cost(s, mode, PAPER)[0] * PAPER.dt for s in there[:-1])
+    turned = abs(motion.phi[-1] - state.phi)[state.phase - 1]
+    assert prediction.cost[0] == pytest.approx(integral, rel=1e-13)
+    assert prediction.j[0] == pytest.approx(integral + PAPER.a_scp / turned, rel=1e-13)
+    assert prediction.d_min[0] == min(d_min(s.phi, PAPER.l) for s in there)
+    assert prediction.duration[0] == PAPER.delta_t
+    assert (prediction.feasible[0], prediction.violation[0]) == (True, "")
+
+
+def test_trajectories__of_many_states_are_those_of_each() -> None:
+    states = [random_state(seed) for seed in range(6)]
+    modes = [random_mode(seed, state) for seed, state in enumerate(states)]
+    for motion, state, mode in zip(
+        trajectories(StateBatch.stack(states), modes, PAPER), states, modes, strict=True
+    ):
+        alone = trajectory(state, mode, PAPER)
+        assert motion.u.tobytes() == alone.u.tobytes()
+        assert motion.phi.tobytes() == alone.phi.tobytes()
+
+
+def test_standing_still__scores_by_the_floor_of_the_rotation() -> None:
+    prediction = predict(straight_state(), [0], PAPER)
+    v = PAPER.a_s / PAPER.det_floor
+    assert prediction.j[0] == pytest.approx(3.0 * v + 1e-4 / 1e-12, rel=1e-12)
+    assert not prediction.phi.any()
+
+
+def test_advance__shifts_one_phase_at_a_time() -> None:
+    state = straight_state()  # every joint is at its target already
+    for phase in range(1, 9):
+        assert state.phase == phase
+        state, _ = advance(state, 0, PAPER)
+        assert (state.phase_time, state.elapsed) == (0.0, 3.0 * phase)
+    assert state.done
+
+
+def test_advance__starts_the_next_cam_where_that_joint_is() -> None:
+    state = random_state(1, phase=3)
+    state = state.replace(target=np.where(np.arange(8) == 2, state.phi, state.target))
+    state = state.replace(ref_start=float(state.phi[2]))
+    mode = int(np.flatnonzero(predict(state, mode_table(8).valid(3), PAPER).feasible)[0])
+    mode = int(mode_table(8).valid(3)[mode])
+    after, prediction = advance(state, mode, PAPER)
+    assert (after.phase, after.phase_time) == (4, 0.0)
+    assert after.ref_start == after.phi[3] == prediction.phi[0, 3] != state.phi[3]
+    assert after.elapsed == state.elapsed + 3.0
+
+
+def test_advance__stays_in_the_phase_until_18_holds_strictly() -> None:
+    state, mode = feasible_case(2)
+    scp = state.phase - 1
+    error = float(abs(predict(state, [mode], PAPER).phi[0, scp] - state.target[scp]))
+    assert error > 0.0
+    after, _ = advance(state, mode, PAPER.replace(epsilon_p=error))
+    assert (after.phase, after.ref_start) == (state.phase, state.ref_start)
+    assert after.phase_time == state.phase_time + 3.0
+    assert after.elapsed == state.elapsed + 3.0
+    after, _ = advance(state, mode, PAPER.replace(epsilon_p=math.nextafter(error, 1.0)))
+    assert after.phase == state.phase + 1
+
+
+def test_advance_batch__is_advance_of_each() -> None:
+    states = [random_state(seed) for seed in range(12)]
+    modes = [random_mode(seed, state) for seed, state in enumerate(states)]
+    after, prediction = advance_batch(StateBatch.stack(states), modes, PAPER)
+    for k, (state, mode) in enumerate(zip(states, modes, strict=True)):
+        alone, alone_prediction = advance(state, mode, PAPER)
+        assert _bits(alone_prediction) == [_bits(prediction)[k]]
+        for field in dataclasses.fields(SnakeState):
+            assert np.array_equal(getattr(after[k], field.name), getattr(alone, field.name))
+
+
+@pytest.mark.parametrize("name", ["stability", "joint_limit"])
+def test_violation__ends_the_interval_where_it_occurs(name: str) -> None:
+    state, mode, prediction = _violating(name)
+    assert (prediction.violation[0], prediction.feasible[0]) == (name, False)
+    assert prediction.j[0] == math.inf
+    motion = trajectory(state, mode, PAPER)
+    largest = np.abs(motion.phi).max(axis=1)
+    assert largest[:-1].max() <= PAPER.phi_limit + PAPER.limit_tolerance
+    assert (largest[-1] > PAPER.phi_limit + PAPER.limit_tolerance) == (name == "joint_limit")
+    margins = [stability_margin(phi, state, mode, PAPER) for phi in motion.phi]
+    assert min(margins[:-1]) > 0
+    assert name == "joint_limit" or margins[-1] < 0
+    after, _ = advance(state, mode, PAPER.replace(epsilon_p=10.0))
+    assert after.phase == state.phase
+    assert np.array_equal(after.phi, motion.phi[-1])
+    assert after.elapsed - state.elapsed == pytest.approx(len(motion.u) * PAPER.dt, abs=1e-9)
+
+
+@pytest.mark.parametrize(("excess", "violation"), [(0.9e-6, ""), (1.1e-6, "joint_limit")])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_joint_limit__tolerates_rounding_only(excess: float, violation: str, sign: float) -> None:
+    phi = np.array([0.0] * 7 + [sign * (math.pi / 2 + excess)])
+    resting = straight_state().replace(phi=phi, target=phi, ref_start=float(phi[7]), phase=8)
+    prediction = predict(resting, [0], PAPER)
+    assert prediction.violation[0] == violation
+    assert prediction.duration[0] == pytest.approx(PAPER.dt if violation else PAPER.delta_t)
+    assert np.array_equal(prediction.phi[0], phi)
+
+
+def test_unstable_start__moves_nothing() -> None:
+    state, mode = straight_state(NARROW), mode_table(8).index([2, 3, 4])
+    prediction = predict(state.replace(target=state.target + 0.1), [mode], NARROW)
+    assert (prediction.violation[0], prediction.duration[0]) == ("stability", 0.0)
+    assert prediction.j[0] == math.inf
+    assert np.array_equal(prediction.phi[0], state.phi)
+    assert trajectory(state, mode, NARROW).u.shape == (0, 8)
+
+
+def _knife_edge(state: SnakeState, mode: int, end: np.ndarray) -> bool:
+    margins = [stability_margin(phi, state, mode, PAPER) for phi in (state.phi, end)]
+    return min(map(abs, margins)) < KNIFE_EDGE
+
+
+@given(seeds)
+def test_mirrored_robot__moves_as_the_mirror_image(seed: int) -> None:
+    state = random_state(seed)
+    mode = random_mode(seed, state)
+    x, y, heading = state.w
+    mirrored = state.replace(
+        w=np.array([x, -y, 2 * math.pi - heading]), phi=-state.phi,
+        target=-state.target, ref_start=-state.ref_start,
+    )  # fmt: skip
+    a, b = predict(state, [mode], PAPER), predict(mirrored, [mode], PAPER)
+    assume(not _knife_edge(state, mode, a.phi[0]))
+    assert a.violation[0] == b.violation[0]
+    assert np.allclose(b.phi, -a.phi, rtol=0, atol=1e-9)
+    assert np.allclose(b.w, [[a.w[0, 0], -a.w[0, 1], 2 * math.pi - a.w[0, 2]]], rtol=0, atol=1e-9)
+    if a.feasible[0]:
+        assert b.j[0] == pytest.approx(a.j[0], rel=1e-7)
+
+
+@given(seeds, st.floats(-2, 2), st.floats(-2, 2), st.floats(-3, 3))
+def test_moved_world__changes_nothing_but_the_heads_place(
+    seed: int, dx: float, dy: float, turn: float
+) -> None:
+    c, s = math.cos(turn), math.sin(turn)
+
+    def move(w: np.ndarray) -> np.ndarray:
+        x, y, heading = w
+        return np.array([c * x - s * y + dx, s * x + c * y + dy, heading + turn])
+
+    state = random_state(seed)
+    mode = random_mode(seed, state)
+    params = PAPER.replace(w_d=move(np.array(PAPER.w_d)))
+    a, b = predict(state, [mode], PAPER), predict(state.replace(w=move(state.w)), [mode], params)
+    assume(not _knife_edge(state, mode, a.phi[0]))
+    assert a.violation[0] == b.violation[0]
+    assert np.allclose(b.phi, a.phi, rtol=0, atol=1e-9)
+    assert np.allclose(b.w[0], move(a.w[0]), rtol=0, atol=1e-9)
+    if a.feasible[0]:
+        assert b.j[0] == pytest.approx(a.j[0], rel=1e-7)

@@ -1,0 +1,301 @@
+"""``python -m train ppo`` and ``dqn``: they learn, they resume exactly, they refuse nonsense."""
+
+import csv
+import itertools
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from agents import ppo
+from snake_env import SnakeParams, load_policy
+from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.networks.network import Network
+from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.sb3 import SnakeVecEnv
+from snake_env.sim.observation import observation_size
+from tests.support.models import model_of
+from tests.support.robots import random_state
+from train.__main__ import main
+from train.run import Robot
+
+SMALL = {
+    "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64 "
+    "--average 0.3",
+    "dqn": "--timesteps 3072 --segment 1024 --num-envs 16 --learning-starts 300 --batch-size 32 "
+    "--buffer-size 1600 --target-update 512 --gradient-steps 2",
+}
+COMMON = "--hidden 24 24 --validation-tasks 6 --validate-every 1 --seed 3"
+
+
+def arguments(algorithm: str, out: Path, more: str = "") -> list[str]:
+    words = f"{algorithm} {SMALL[algorithm]} {COMMON} {more}".split()
+    return [*words, "--out", str(out)]
+
+
+def log(run: Path) -> list[dict[str, str]]:
+    with (run / "log.csv").open(newline="") as file:
+        return [
+            {key: value for key, value in row.items() if key != "frames_per_s"}
+            for row in csv.DictReader(file)
+        ]
+
+
+def same(one: Network, other: Network) -> bool:
+    pairs = zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs)
+
+
+@pytest.fixture(scope="module", params=["ppo", "dqn"])
+def finished(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / request.param
+    assert main(arguments(request.param, out)) == 0
+    return out
+
+
+def test_run__leaves_models_log_and_curve(finished: Path) -> None:
+    names = {path.name for path in finished.iterdir()}
+    assert {"run.json", "log.csv", "curve.png", "best.safetensors", "last.safetensors"} <= names
+    steps = [int(row["timesteps"]) for row in log(finished)]
+    assert steps == sorted(steps)
+    assert steps[-1] >= 3072
+    assert all(row["raw_success"] for row in log(finished))
+    assert any((finished / "tensorboard").iterdir())
+    policy = load_policy(finished / "best.safetensors", SnakeParams())
+    assert policy.rollouts == 0
+
+
+@pytest.mark.parametrize("when", [1, 2])
+def test_kill__and_resume_end_as_if_nothing_had_happened(
+    when: int, finished: Path, tmp_path: Path
+) -> None:
+    algorithm, out = finished.name, tmp_path / "killed"
+    command = [sys.executable, "-m", "train", *arguments(algorithm, out)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    deadline = time.monotonic() + 120.0
+    while process.poll() is None and time.monotonic() < deadline:
+        if (out / "log.csv").exists() and len(log(out)) >= when:
+            break
+        time.sleep(0.01)
+    time.sleep(0.05 * when)  # not always at the same place
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert main([*arguments(algorithm, out), "--resume"]) == 0
+    assert log(out) == log(finished)
+    for name in ("best", "last"):
+        one, other = (read_model(run / f"{name}.safetensors") for run in (out, finished))
+        assert same(one.network, other.network)
+
+
+def test_seed__decides_everything(finished: Path, tmp_path: Path) -> None:
+    algorithm = finished.name
+    other = tmp_path / "other"
+    assert main([*arguments(algorithm, other), "--seed", "4"]) == 0
+    assert log(other) != log(finished)
+
+
+def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    shapes = [(99, 24), (24, 24), (24, 99)]
+    network = Network(
+        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
+        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
+    )
+    given, out = tmp_path / "given.safetensors", tmp_path / "run"
+    write_model(given, Model("policy", 8, network))
+    words = arguments("ppo", out, f"--init {given} --critic-first 100000")
+    assert main(words) == 0
+    assert same(read_model(out / "last.safetensors").network, network)
+
+
+def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    phi0 = np.stack([random_state(seed).phi for seed in range(3)])
+    suite, seen = tmp_path / "tasks.npz", []
+    np.savez(suite, phi0=phi0, target=phi0[::-1])
+
+    class Watched(SnakeVecEnv):
+        def reset(self) -> Any:
+            observed = super().reset()
+            seen.append(self.envs.core.states)
+            return observed
+
+    monkeypatch.setattr("train.rl.SnakeVecEnv", Watched)
+    out = tmp_path / "run"
+    assert main(arguments("ppo", out, f"--tasks {suite} --timesteps 1024")) == 0
+    assert json.loads((out / "run.json").read_text())["config"]["tasks"][:2] == [str(suite), 3]
+    (begun,) = seen
+    drawn = {tuple(state) for state in begun.phi}
+    assert drawn == {tuple(shape) for shape in phi0}  # 16 robots: all three are among them
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("ppo --learning-rat 1", "Unrecognized options"),
+        ("ppo --timesteps many", "timesteps"),
+        ("ppo --timesteps 0", "timesteps = 0: expected a positive"),
+        ("ppo --preset papr", "did you mean 'paper'"),
+        ("ppo --device gpu", "unknown device 'gpu'"),
+        ("ppo --segment 0", "segment = 0"),
+        ("ppo --reward tim=1", "did you mean 'time'"),
+        ("ppo --reward time", "NAME=VALUE"),
+        ("ppo --tasks test-10k", "tasks = 'test-10k': expected others: agents are compared on"),
+        ("dqn --tasks validation-2k", "tasks = 'validation-2k': expected others"),
+        ("ppo --tasks nowhere.npz", "tasks = 'nowhere.npz': expected a file that exists"),
+        ("ppo --set a_d=1", "unknown"),
+        ("ppo --validation-tasks 0", "1 to 2000"),
+        ("ppo --init nowhere.safetensors", "manifest"),
+        ("dqn --hidden", "hidden"),
+        ("dqn --seed -1", "seed"),
+        ("dqn --seeds 0", "seeds = 0: expected a positive"),
+        ("ppo --seeds 2 --workers 0", "workers = 0"),
+        ("dqn --exploration 2", "exploration"),
+        ("pppo", "did you mean 'ppo'"),
+    ],
+)
+def test_bad_input__is_one_line_and_leaves_nothing(
+    words: str,
+    hint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1
+    assert re.search(hint, err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder__of_another_run_is_not_touched(
+    finished: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = (finished / "log.csv").read_bytes()
+    words = arguments(finished.name, finished)
+    assert main(words) == 2
+    assert "--resume" in capfd.readouterr().err
+    assert main([*words, "--resume", "--learning-rate", "0.5"]) == 2
+    assert "differ: learning_rate" in capfd.readouterr().err
+    about = (finished / "run.json").read_text()
+    try:
+        (finished / "run.json").write_text(about.replace('"schema": 1', '"schema": 99'))
+        assert main([*words, "--resume"]) == 2
+        assert "schema 1" in capfd.readouterr().err
+    finally:
+        (finished / "run.json").write_text(about)
+    assert (finished / "log.csv").read_bytes() == before
+
+
+def test_init__of_another_size_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "given.safetensors"
+    write_model(given, model_of())
+    assert main(arguments("ppo", tmp_path / "run", f"--init {given}")) == 2
+    assert "hidden" in capfd.readouterr().err
+
+
+def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) -> None:
+    sizes = [observation_size(8), 12, 1]
+    rng = np.random.default_rng(2)
+    value = Network(
+        [rng.normal(0.0, 0.3, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    settings = ppo.Settings(hidden=(8,), critic_hidden=(12,), num_envs=4)
+    env = SnakeVecEnv(4, mask_in_observation=True)
+    model = ppo.build(settings, env, seed=0, device="cpu")
+    ppo.initialise_critic(model, value, {"time": -0.1, "success": 2.0})
+    env.seed(0)
+    observations = env.reset()
+    with torch.no_grad():
+        critic = model.policy.predict_values(model.policy.obs_to_tensor(observations)[0])
+    intervals = SymmetricNetwork(value, 8)(observations["observation"])
+    np.testing.assert_allclose(critic.numpy(), 2.0 - 0.1 * intervals, rtol=1e-5, atol=1e-6)
+
+
+def test_init_critic__needs_a_value_network(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = tmp_path / "given.safetensors"
+    write_model(given, model_of())
+    words = arguments("ppo", tmp_path / "run", f"--init-critic {given}")
+    assert main(words) == 2
+    assert "model.kind" in capfd.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("seeds")
+    assert main(arguments("ppo", folder / "ppo", "--seeds 2 --workers 2")) == 0
+    return folder
+
+
+def test_seeds__are_the_runs_that_one_would_make_alone(seeds: Path, tmp_path: Path) -> None:
+    assert {path.name for path in seeds.iterdir()} == {"ppo-s3", "ppo-s4", "ppo-seeds"}
+    assert main(arguments("ppo", tmp_path / "alone", "--seed 4")) == 0
+    assert log(tmp_path / "alone") == log(seeds / "ppo-s4")
+    one, other = (
+        read_model(run / "best.safetensors") for run in (tmp_path / "alone", seeds / "ppo-s4")
+    )
+    assert same(one.network, other.network)
+    command = json.loads((seeds / "ppo-s4" / "run.json").read_text())["command"]
+    assert command.endswith("--seed 4")
+    assert "--seeds" not in command
+    assert (seeds / "ppo-seeds" / "curve.png").is_file()
+    spread = json.loads((seeds / "ppo-seeds" / "seeds.json").read_text())
+    assert spread["ppo-s4"] == dict(other.made["validation"])
+
+
+def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
+    out, given = tmp_path / "ppo", {}
+    for seed in (3, 4):
+        given[seed] = model_of(seed)
+        write_model(tmp_path / f"student-s{seed}.safetensors", given[seed])
+        write_model(tmp_path / f"value-s{seed}.safetensors", model_of(seed, kind="value"))
+    init, critic = (tmp_path / f"{name}-s{{seed}}.safetensors" for name in ("student", "value"))
+    frozen = f"--seeds 2 --workers 1 --timesteps 1024 --critic-first 4096 --init {init} --hidden 12"
+    assert main(arguments("ppo", out, f"{frozen} --init-critic {critic} --critic-hidden 12")) == 0
+    for seed in (3, 4):
+        made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
+        assert same(made.network, given[seed].network)  # only the critic has learned
+        config = made.made["config"]
+        assert config["init"] == str(tmp_path / f"student-s{seed}.safetensors")
+        assert config["init_critic"] == str(tmp_path / f"value-s{seed}.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "name"),
+    [
+        ("paper", (), "paper"),
+        ("narrow", ("n_joints=6", "a_c=67"), "narrow-n_joints=6-a_c=67"),
+        ("paper", ("w_d=[0, 0, -1.5]",), "paper-w_d=0,0,-1.5"),
+    ],
+)
+def test_folder__is_named_after_the_robot(preset: str, changes: tuple[str, ...], name: str) -> None:
+    assert Robot(preset, changes).name == name
+
+
+def test_seeds__that_were_killed_go_on(
+    seeds: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "ppo"
+    shutil.copytree(seeds / "ppo-s3", tmp_path / "ppo-s3")  # the other has not been begun
+    assert main(arguments("ppo", out, "--seeds 2 --workers 1 --resume")) == 0
+    for name in ("ppo-s3", "ppo-s4"):
+        assert log(tmp_path / name) == log(seeds / name)
+    told = capfd.readouterr().out
+    assert "ppo-s3" in told
+    assert "worst" in told
