@@ -47,6 +47,7 @@ class Problem:
         known: Modes of a plan that is known already, or empty.
         rollouts: Model roll-outs to spend.
         params: The constants.
+        transfer: Whether the value network may have been trained with other constants.
     """
 
     task: int
@@ -54,6 +55,7 @@ class Problem:
     known: tuple[int, ...]
     rollouts: int
     params: SnakeParams
+    transfer: bool = False
 
 
 def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Plan | None:
@@ -122,7 +124,8 @@ def solve(problem: Problem) -> Row:
         proof = Budget(rollouts=problem.rollouts // 10)
         furthest = dead_end(state, params, proof)
         budget.spend(proof.spent)
-    value, phases, noise = load_value(params), PhaseValue(params), noise_of(problem.task)
+    value = load_value(params, transfer=problem.transfer)
+    phases, noise = PhaseValue(params), noise_of(problem.task)
     width = FIRST_WIDTH
     while furthest is None and not budget.exhausted and width <= LAST_WIDTH:
         for rank, random in ((value, None), (phases, None), (value, noise), (phases, noise)):

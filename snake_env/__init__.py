@@ -68,6 +68,8 @@ for _id, _preset in (
     ("SnakeModeSelection-v0", "paper"),
     ("SnakeModeSelectionNarrow-v0", "narrow"),
     ("SnakeModeSelectionHardware-v0", "hardware"),
+    ("SnakeModeSelectionSix-v0", "six"),
+    ("SnakeModeSelectionTen-v0", "ten"),
 ):
     gymnasium.register(
         id=_id,

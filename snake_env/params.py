@@ -12,6 +12,8 @@ from snake_env.errors import InvalidInputError, UnknownNameError, as_finite, as_
 
 N_JOINTS_RANGE = (5, 16)
 MAX_STEPS = 1_000_000  # sub-steps in an interval
+SMALLEST, LARGEST = 1e-9, 1e6
+"""Positive constants are no smaller, and no number is larger in size: their products stay finite."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,15 @@ class SnakeParams:
         if not low <= self.n_joints <= high:
             raise InvalidInputError("n_joints", self.n_joints, f"an integer from {low} to {high}")
         for name in _POSITIVE:
-            if not getattr(self, name) > 0:
-                raise InvalidInputError(name, getattr(self, name), "a positive number")
+            if not getattr(self, name) >= SMALLEST:
+                expected = f"a positive number, at least {SMALLEST:g}"
+                raise InvalidInputError(name, getattr(self, name), expected)
         for name in _NON_NEGATIVE:
             if not getattr(self, name) >= 0:
                 raise InvalidInputError(name, getattr(self, name), "zero or a positive number")
-        if min(self.gains) <= 0:
-            raise InvalidInputError("gains", self.gains, "four positive numbers")
+        if min(self.gains) < SMALLEST:
+            expected = f"four positive numbers, at least {SMALLEST:g}"
+            raise InvalidInputError("gains", self.gains, expected)
         if self.phi_limit >= math.pi:
             raise InvalidInputError("phi_limit", self.phi_limit, "less than pi")
         steps = self.delta_t / self.dt
@@ -78,8 +82,8 @@ class SnakeParams:
         """The constants of a named preset, with some of them replaced.
 
         Args:
-            name: ``paper`` (Table I), ``hardware`` (section VI) or ``narrow`` (as ``paper``, but
-                link 0 does not touch the ground).
+            name: ``paper`` (Table I), ``hardware`` (section VI), ``narrow`` (as ``paper``, but link 0
+                does not touch the ground), ``six`` or ``ten`` (as ``paper``, with 6 or 10 joints).
             **overrides: Fields to replace.
 
         Raises:
@@ -102,6 +106,12 @@ class SnakeParams:
             if key not in known:
                 raise UnknownNameError("parameter", key, known)
         return dataclasses.replace(self, **overrides)
+
+    def differences(self, other: SnakeParams) -> dict[str, tuple[Any, Any]]:
+        """The fields in which others differ: their values here and there."""
+        names = [field.name for field in dataclasses.fields(self)]
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in names}
+        return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
     @property
     def n_steps(self) -> int:
@@ -128,6 +138,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "paper": {},
     "hardware": {"dt": 0.2, "a_c": 67.0, "gains": (1.0, 1.0, 0.5, 0.5), "k_eta": 1.0},
     "narrow": {"head_contact": False},
+    "six": {"n_joints": 6},
+    "ten": {"n_joints": 10},
 }
 
 _POSITIVE = (
@@ -145,16 +157,21 @@ def _checked_type(name: str, value: Any, default: Any) -> Any:
         return value
     if isinstance(default, int):
         integer = as_integer(value)
-        if integer is None:
-            raise InvalidInputError(name, value, "an integer")
+        if integer is None or abs(integer) > LARGEST:
+            raise InvalidInputError(name, value, f"an integer, at most {LARGEST:.0f}")
         return integer
     if isinstance(default, tuple):
         is_sequence = hasattr(value, "__len__") and not isinstance(value, (str, bytes))
         numbers = tuple(map(as_finite, value)) if is_sequence else ()
-        if len(numbers) != len(default) or None in numbers:
-            raise InvalidInputError(name, value, f"{len(default)} finite numbers")
+        if len(numbers) != len(default) or not all(map(_is_usable, numbers)):
+            expected = f"{len(default)} finite numbers, at most {LARGEST:g} in size"
+            raise InvalidInputError(name, value, expected)
         return numbers
     number = as_finite(value)
-    if number is None:
-        raise InvalidInputError(name, value, "a finite number")
+    if not _is_usable(number):
+        raise InvalidInputError(name, value, f"a finite number, at most {LARGEST:g} in size")
     return number
+
+
+def _is_usable(number: float | None) -> bool:
+    return number is not None and abs(number) <= LARGEST

@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 class SnakeState:
     """The robot at a switching time t_k.
 
-    The arrays are this state's own: never write to them, make a new state instead.
+    The arrays are this state's own copies and read-only: make a new state with :meth:`replace`.
 
     Attributes:
         w: Head pose (x_0, y_0, theta_0), shape (3,) [m, m, rad].
@@ -35,6 +35,9 @@ class SnakeState:
         last_mode: The mode of the last interval; -1 at the beginning. The robot does not depend on it,
             but who chooses the next mode may want to know.
         last_turn: How far the SCP of the last interval turned in it [rad].
+
+    Raises:
+        InvalidInputError: An array holds something else than numbers.
     """
 
     w: FloatArray
@@ -46,6 +49,15 @@ class SnakeState:
     elapsed: float
     last_mode: int = -1
     last_turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("w", "phi", "target"):
+            given = getattr(self, name)
+            if not (isinstance(given, np.ndarray) and _is_frozen(given)):
+                object.__setattr__(self, name, _frozen_copy(f"state.{name}", given))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return remade(self)
 
     @classmethod
     def initial(cls, phi0: ArrayLike, target: ArrayLike, params: SnakeParams) -> SnakeState:
@@ -86,6 +98,8 @@ class SnakeState:
 class StateBatch:
     """Many states, field by field: the attributes are those of :class:`SnakeState`, in arrays.
 
+    The arrays are read-only: they are views of those that are given, which are not copied.
+
     Attributes:
         w: Head poses, shape (N, 3) [m, m, rad].
         phi: Joint angles, shape (N, n) [rad].
@@ -108,6 +122,13 @@ class StateBatch:
     last_mode: IntArray
     last_turn: FloatArray
 
+    def __post_init__(self) -> None:
+        for name in _FIELDS:
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return remade(self)
+
     def __len__(self) -> int:
         return len(self.phase)
 
@@ -115,7 +136,12 @@ class StateBatch:
         fields: dict[str, Any] = {}
         for name in _FIELDS:
             value = getattr(self, name)[k]
-            fields[name] = value.copy() if isinstance(value, np.ndarray) else value.item()
+            if isinstance(value, np.ndarray):
+                value = value.copy()
+                value.setflags(write=False)
+            else:
+                value = value.item()
+            fields[name] = value
         return SnakeState(**fields)
 
     @classmethod
@@ -173,19 +199,53 @@ _FIELDS: dict[str, type] = {
 }
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A view of an array through which nothing can be written."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+def remade(instance: Any) -> tuple[Any, ...]:
+    """What ``__reduce__`` gives for a dataclass: pickled arrays forget that they are read-only."""
+    values = [getattr(instance, field.name) for field in dataclasses.fields(instance)]
+    return type(instance), tuple(values)
+
+
+def _is_frozen(array: NDArray[Any]) -> bool:
+    """Whether it is an array of numbers of its own that nobody can write to."""
+    flags = array.flags
+    return array.dtype == np.float64 and flags.owndata and not flags.writeable
+
+
+def _frozen_copy(field: str, given: Any) -> FloatArray:
+    """A read-only copy of some numbers.
+
+    Raises:
+        InvalidInputError: They are something else.
+    """
+    try:
+        array = np.array(given)
+        numbers = array.astype(np.float64) if array.dtype.kind in "fiuO" else None
+    except (TypeError, ValueError, OverflowError):
+        numbers = None
+    if numbers is None:
+        raise InvalidInputError(field, given, "an array of numbers")
+    numbers.setflags(write=False)
+    return numbers
+
+
 def checked_shape(field: str, shape: ArrayLike, params: SnakeParams) -> FloatArray:
-    """A body shape as a fresh float64 array (n,) [rad], if an episode may begin or end with it.
+    """A body shape as a read-only float64 array (n,) [rad], if an episode may begin or end with it.
 
     Raises:
         InvalidInputError: Wrong length, not finite, beyond the joint limits, or self-colliding.
     """
     try:
-        given = np.array(0.0 if shape is None else shape)
-        phi = given.astype(np.float64) if given.dtype.kind in "fiuO" else None
-    except (TypeError, ValueError, OverflowError):
-        phi = None
-    if phi is None:
-        raise InvalidInputError(field, shape, f"{params.n_joints} joint angles [rad]")
+        phi = _frozen_copy(field, 0.0 if shape is None else shape)
+    except InvalidInputError:
+        expected = f"{params.n_joints} joint angles [rad]"
+        raise InvalidInputError(field, shape, expected) from None
     if phi.shape != (params.n_joints,):
         raise InvalidInputError(
             f"{field}.shape", phi.shape, f"({params.n_joints},), one angle per joint"

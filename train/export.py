@@ -69,7 +69,7 @@ class Options:
 
 
 def train(options: Options, console: Console) -> None:
-    """Writes ``NAME.safetensors``, ``NAME.json`` and ``NAME.md``."""
+    """Writes ``NAME.safetensors`` and ``NAME.md``."""
     about = _about(options.run)
     wanted = ("last.safetensors",) if options.last else _FILES
     file = next((options.run / f for f in wanted if (options.run / f).is_file()), None)
@@ -112,7 +112,7 @@ def _card(name: str, model: Model, about: dict[str, Any]) -> str:
     return _CARD.format(
         name=name,
         what=_WHAT[model.kind],
-        n_joints=model.n_joints,
+        n_joints=model.params.n_joints,
         contact="link 0 gives a contact"
         if config["params"]["head_contact"]
         else "no contact of link 0",

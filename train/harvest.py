@@ -85,7 +85,7 @@ def train(options: Options, console: Console) -> Path:
     params = options.check()
     assert options.policy is not None
     model = read_model(options.policy)
-    model.check(params, "policy")
+    model.check(params, "policy", transfer=options.robot.transfer)
     folder = options.out or Path("runs") / f"harvest-{options.robot.name}"
     options.engine.check()
     config = {

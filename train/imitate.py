@@ -21,6 +21,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, read_network, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
+from snake_env.policies.value import GUIDES, pretrained
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.observation import observation_size
 from train.run import Robot, Run, RunFolder, command, value_digest
@@ -96,10 +97,15 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
-    begun = None if init is None else read_network(init, params, "policy")
-    trusted = None if options.value is None else read_model(options.run.own(options.value))
+    accept = {"transfer": options.robot.transfer}
+    begun = None if init is None else read_network(init, params, "policy", **accept)
+    trusted = None
+    if options.value is not None:
+        trusted = read_model(options.run.own(options.value))
+    elif options.robot.transfer:
+        trusted = pretrained(params, *GUIDES, transfer=True)
     if trusted is not None:
-        trusted.check(params, "value")
+        trusted.check(params, "value", **accept)
     taught = [options.run.own(run) for run in options.lessons]
     given = [lesson for run in taught for lesson in _given(run, params)]
     config = {
@@ -138,19 +144,17 @@ def train(options: Options, console: Console) -> Path:
         )
         kept = _kept(folder.path, number)
         made = {"command": command(), "config": config, "round": number + 1}
-        write_model(kept, Model("policy", params.n_joints, network, made))
+        write_model(kept, Model("policy", params, network, made))
         row = {"round": number + 1}
         row |= {key: round(value, 5) for key, value in figures.items()}
         row |= options.validation(kept, params)
-        validated = Model("policy", params.n_joints, network, {**made, "validation": row})
+        validated = Model("policy", params, network, {**made, "validation": row})
         write_model(folder.path / "last.safetensors", validated)
         if not rows or quality(row) > max(map(quality, rows)):
             write_model(folder.path / "best.safetensors", validated)
         rows.append(row)
         folder.write_rows(rows)
-        stale = _kept(folder.path, number - 1)
-        stale.unlink(missing_ok=True)
-        stale.with_suffix(".json").unlink(missing_ok=True)
+        _kept(folder.path, number - 1).unlink(missing_ok=True)
         console.print(
             f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
             f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "

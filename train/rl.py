@@ -113,9 +113,10 @@ def train(
     validation.check()
     name = algorithm.__name__.rsplit(".", 1)[-1]
     init = None if loop.init is None else run.own(loop.init)
-    begun = None if init is None else read_network(init, params, "policy")
+    accept = {"transfer": robot.transfer}
+    begun = None if init is None else read_network(init, params, "policy", **accept)
     critic_from = None if init_critic is None else run.own(init_critic)
-    critic = None if critic_from is None else read_network(critic_from, params, "value")
+    critic = None if critic_from is None else read_network(critic_from, params, "value", **accept)
     suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
     config = {
         **dataclasses.asdict(settings),
@@ -170,9 +171,9 @@ def train(
             if segment % loop.validate_every == 0 or done:
                 made = {"command": command(), "config": config, "timesteps": model.num_timesteps}
                 last, network = folder.path / "last.safetensors", algorithm.network(model)
-                write_model(last, Model("policy", params.n_joints, network, made))
+                write_model(last, Model("policy", params, network, made))
                 row |= validation(last, params)
-                validated = Model("policy", params.n_joints, network, {**made, "validation": row})
+                validated = Model("policy", params, network, {**made, "validation": row})
                 write_model(last, validated)
                 known = [quality(r) for r in rows if r.get("raw_success", "") != ""]
                 if not known or quality(row) > max(known):

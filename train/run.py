@@ -22,7 +22,7 @@ from evaluate.journal import writable_folder, write_atomically
 from evaluate.options import Assignments, parse_overrides
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.policies.value import guide
+from snake_env.policies.value import GUIDES, pretrained
 
 SCHEMA = 1
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
@@ -36,6 +36,8 @@ class Robot:
     """Constants of the robot: paper, hardware or narrow."""
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
+    transfer: bool = False
+    """Accept models that were trained with other constants."""
 
     def params(self) -> SnakeParams:
         """The constants.
@@ -166,9 +168,13 @@ class RunFolder:
         write_atomically(self._log, text.getvalue())
 
 
-def value_digest(params: SnakeParams) -> str | None:
-    """SHA-256 of the shipped value network that results depend on; None where there is none."""
-    model = guide(params)
+def value_digest(params: SnakeParams, transfer: bool = False) -> str | None:
+    """SHA-256 of the shipped value network that results depend on; None where there is none.
+
+    Raises:
+        InvalidInputError: It was trained with other constants, and these are not accepted.
+    """
+    model = pretrained(params, *GUIDES, transfer=transfer)
     return None if model is None else model.sha256
 
 

@@ -71,7 +71,7 @@ def train(options: Options, console: Console) -> None:
         "tasks": [suite.name, len(suite), joblib.hash((suite.phi0, suite.target))],
         "params": asdict(params),
         "budget": options.budget,
-        "value": value_digest(params),
+        "value": value_digest(params, options.robot.transfer),
         "improve": joblib.hash(known),
     }
     partial, file = folder / "plans.partial.jsonl", folder / "plans.csv"
@@ -84,7 +84,14 @@ def train(options: Options, console: Console) -> None:
     warm_up(params)
     rows: dict[int, Row] = {row["task"]: row for row in journal.entries}
     problems = [
-        Problem(task, suite.initial(task, params), known[task], options.budget, params)
+        Problem(
+            task,
+            suite.initial(task, params),
+            known[task],
+            options.budget,
+            params,
+            options.robot.transfer,
+        )
         for task in range(len(suite))
         if task not in rows
     ]

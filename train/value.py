@@ -78,7 +78,11 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
-    begun = None if init is None else read_network(init, params, "value")
+    begun = (
+        None
+        if init is None
+        else read_network(init, params, "value", transfer=options.robot.transfer)
+    )
     config = {
         **dataclasses.asdict(options.fit),
         "init": None if init is None else str(init),
@@ -149,18 +153,17 @@ def train(options: Options, console: Console) -> Path:
             "fit_error": round(error, 4),
         }
         made = {"command": command(), "config": config, "generation": generation + 1}
-        write_model(_kept(folder.path, generation), Model(kind, params.n_joints, network, made))
+        write_model(_kept(folder.path, generation), Model(kind, params, network, made))
         rows.append({key: str(value) for key, value in row.items()})
         folder.write_rows(rows)
         for stale in (folder.path / f"returns-{first - 1}.npz", _kept(folder.path, generation - 1)):
             stale.unlink(missing_ok=True)
-            stale.with_suffix(".json").unlink(missing_ok=True)
         console.print(
             f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
         )
     assert network is not None
     made = {"command": command(), "config": config, "generations": options.generations}
-    write_model(file, Model(kind, params.n_joints, network, made))
+    write_model(file, Model(kind, params, network, made))
     console.print(f"model: {file}")
     return file
 

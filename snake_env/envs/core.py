@@ -13,12 +13,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from snake_env.envs.no_repeat import NoRepeat
 from snake_env.envs.reward import RewardWeights, reward_terms
 from snake_env.envs.slip import check_slip, slipped
 from snake_env.envs.transition import OnInfeasible, transition
 from snake_env.errors import InvalidInputError, UnknownNameError, as_finite
 from snake_env.modes import mode_table
-from snake_env.params import SnakeParams
+from snake_env.params import LARGEST, SnakeParams
 from snake_env.sim.episode import Episodes
 from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
 from snake_env.sim.observation import observe
@@ -39,6 +40,7 @@ class EnvOptions:
     weights: RewardWeights
     slip: tuple[float, float]
     suite: TaskSuite | None
+    no_repeat: bool
 
     @classmethod
     def parse(
@@ -49,6 +51,7 @@ class EnvOptions:
         reward_weights: dict[str, float] | None,
         slip: Sequence[float],
         task_suite: str | None,
+        no_repeat: bool,
         params: dict[str, Any],
     ) -> EnvOptions:
         """Checks the keyword arguments.
@@ -57,13 +60,20 @@ class EnvOptions:
             UnknownNameError: A name that does not exist, with a suggestion.
             InvalidInputError: A value that can't be used.
         """
+        if "max_episode_steps" in params:
+            given = params["max_episode_steps"]
+            raise InvalidInputError("max_episode_steps", given, f"horizon={given} in its place")
         constants = SnakeParams.preset(preset, **params)
+        if not isinstance(no_repeat, bool):
+            raise InvalidInputError("no_repeat", no_repeat, "True or False")
         check_mask_level(mask_level)
         if on_infeasible not in get_args(OnInfeasible):
             raise UnknownNameError("on_infeasible", on_infeasible, get_args(OnInfeasible))
         suite = None if task_suite is None else load_tasks(task_suite, constants)
         weights = _checked_weights({} if reward_weights is None else reward_weights)
-        return cls(constants, mask_level, on_infeasible, weights, check_slip(slip), suite)
+        return cls(
+            constants, mask_level, on_infeasible, weights, check_slip(slip), suite, no_repeat
+        )
 
 
 def _checked_weights(given: Any) -> RewardWeights:
@@ -73,9 +83,14 @@ def _checked_weights(given: Any) -> RewardWeights:
     for name, weight in given.items():
         if name not in known:
             raise UnknownNameError("reward term", name, known)
-        if as_finite(weight) is None:
-            raise InvalidInputError(f"reward_weights[{name!r}]", weight, "a finite number")
-    return RewardWeights(**given)
+        number = as_finite(weight)
+        if number is None or abs(number) > LARGEST:
+            expected = f"a finite number, at most {LARGEST:g} in size"
+            raise InvalidInputError(f"reward_weights[{name!r}]", weight, expected)
+    weights = RewardWeights(**given)
+    if not 0.0 <= weights.gamma <= 1.0:
+        raise InvalidInputError("reward_weights['gamma']", weights.gamma, "a discount, 0 to 1")
+    return weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +110,7 @@ class EnvCore:
         options: The keyword arguments, checked.
         states: Where the robots are.
         episodes: Their episodes.
+        no_repeat: What they have tried where they stand still; None where the rule is off.
     """
 
     def __init__(self, count: int, options: EnvOptions) -> None:
@@ -102,6 +118,8 @@ class EnvCore:
         shapes = np.zeros((count, options.params.n_joints))
         self.states = StateBatch.initial(shapes, shapes, options.params)
         self.episodes = Episodes(self.states, options.params)
+        n_modes = len(mode_table(options.params.n_joints))
+        self.no_repeat = NoRepeat(count, n_modes) if options.no_repeat else None
 
     def reset(
         self,
@@ -132,8 +150,7 @@ class EnvCore:
         phi0[:] = fixed.get("phi0", phi0)
         target[:] = fixed.get("target", target)
         begun = StateBatch.initial(phi0, target, params)
-        self.states = self.states.put(indices, begun)
-        self.episodes.restart(indices, begun)
+        self.restart(indices, begun)
         count = len(indices)
         terms = [f.name for f in dataclasses.fields(RewardWeights) if f.name != "gamma"]
         return self._info(
@@ -144,6 +161,13 @@ class EnvCore:
             d_min=least_distances(phi0, params),
             max_abs_phi=np.abs(phi0).max(axis=1),
         )
+
+    def restart(self, indices: IntArray, states: StateBatch) -> None:
+        """Begins the episodes at the given positions in the given states."""
+        self.states = self.states.put(indices, states)
+        self.episodes.restart(indices, states)
+        if self.no_repeat is not None:
+            self.no_repeat.restart(indices, states)
 
     def _tasks(
         self, rngs: Sequence[np.random.Generator], task: int | None
@@ -181,6 +205,8 @@ class EnvCore:
         after = dataclasses.replace(after, w=slipped(after.w, options.slip, rngs))
         self.states = self.states.put(indices, after)
         self.episodes.record(indices, after, prediction)
+        if self.no_repeat is not None:
+            self.no_repeat.record(indices, modes, after)
         outcome = self.episodes.outcome[indices]
         truncated = (outcome == "deadlock") | (outcome == "horizon")
         terminated = (outcome != "") & ~truncated
@@ -208,6 +234,8 @@ class EnvCore:
         """Which modes they may choose, shape (K, n_modes): at least one each, all after a success."""
         states = self.states.take(indices)
         masks = action_masks(states, self.options.mask_level, self.options.params)
+        if self.no_repeat is not None:
+            masks = self.no_repeat.without_tried(indices, masks)
         masks[states.phase > self.options.params.n_joints] = True
         return masks
 

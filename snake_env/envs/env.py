@@ -14,6 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from snake_env.envs.core import EnvCore, EnvOptions
+from snake_env.envs.no_repeat import NoRepeat
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
 from snake_env.modes import mode_table
@@ -34,6 +35,7 @@ class EnvState:
 
     states: StateBatch
     episodes: Episodes
+    no_repeat: NoRepeat | None
     rng: np.random.Generator
     running: bool
 
@@ -128,6 +130,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     | ``reward_weights`` | dict | ``None`` | replaces weights by name |
     | ``slip`` | tuple | ``(0.0, 0.0)`` | standard deviation of the head's slip per interval [m, rad] |
     | ``task_suite`` | str | ``None`` | draws tasks from it: any name that ``load_tasks`` takes |
+    | ``no_repeat`` | bool | ``False`` | closes modes that were tried since the robot last moved |
     | ``render_mode`` | str | ``None`` | ``human``, ``rgb_array`` or ``rgb_array_list`` |
     | ``**params`` | | | replaces fields of :class:`snake_env.params.SnakeParams` |
 
@@ -153,11 +156,12 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         reward_weights: dict[str, float] | None = None,
         slip: Sequence[float] = (0.0, 0.0),
         task_suite: str | None = None,
+        no_repeat: bool = False,
         render_mode: str | None = None,
         **params: Any,
     ) -> None:
         options = EnvOptions.parse(
-            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, params
+            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, no_repeat, params
         )
         self.core = EnvCore(1, options)
         self.action_space = action_space(options)
@@ -168,7 +172,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             raise UnknownNameError("render_mode", render_mode, modes)
         self.render_mode = render_mode
         self._viewer: Viewer | None = None
-        self._running = False
+        self._begun = self._running = False
 
     @property
     def params(self) -> SnakeParams:
@@ -195,7 +199,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         """
         super().reset(seed=seed)
         info = self.core.reset(_ONLY, [self.np_random], options)
-        self._running = True
+        self._begun = self._running = True
         if self.render_mode is not None:
             self._view().begin(self.state)
         return self.core.observe(_ONLY)[0], _only(info)
@@ -231,8 +235,9 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     def get_state(self) -> EnvState:
         """Everything that the env's future depends on, for :meth:`set_state`."""
+        core = self.core
         return copy.deepcopy(
-            EnvState(self.core.states, self.core.episodes, self.np_random, self._running)
+            EnvState(core.states, core.episodes, core.no_repeat, self.np_random, self._running)
         )
 
     def set_state(self, state: EnvState | SnakeState) -> None:
@@ -240,15 +245,16 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         if isinstance(state, SnakeState):
             batch = StateBatch.stack([state])
             check_states(batch, self.params)
-            self.core.states = batch
-            self.core.episodes.restart(_ONLY, self.core.states)
+            self.core.restart(_ONLY, batch)
             self._running = not state.done
         elif not isinstance(state, EnvState):
             raise InvalidInputError("state", state, "what get_state() returned, or a SnakeState")
         else:
             saved = copy.deepcopy(state)
             self.core.states, self.core.episodes = saved.states, saved.episodes
+            self.core.no_repeat = saved.no_repeat
             self.np_random, self._running = saved.rng, saved.running
+        self._begun = True
         if self.render_mode is not None:
             self._view().begin(self.state)
 
@@ -261,12 +267,15 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         Raises:
             MissingDependencyError: Pillow (or pygame, for ``human``) is not installed.
+            gymnasium.error.ResetNeeded: No episode has begun yet.
         """
         if self.render_mode is None:
             gymnasium.logger.warn(
                 "render() needs gym.make(..., render_mode='rgb_array') or the like"
             )
             return None
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("there is nothing to show yet: call reset()")
         if self.render_mode == "rgb_array_list":
             return self._view().take()
         return self._view().frame() if self.render_mode == "rgb_array" else None
@@ -285,8 +294,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         if self._viewer is None:
             assert self.render_mode is not None
             self._viewer = Viewer(self.params, self.render_mode)
-            if self._running:
-                self._viewer.begin(self.state)
+            self._viewer.begin(self.state)
         return self._viewer
 
 

@@ -22,6 +22,7 @@ Slip = tuple[float, float]
 """Standard deviations for an interval: of the head's x and y [m], of its heading [rad]."""
 
 NO_SLIP: Slip = (0.0, 0.0)
+MOST_SLIP = 10.0
 
 
 def check_slip(given: Any) -> Slip:
@@ -33,8 +34,9 @@ def check_slip(given: Any) -> Slip:
     scales = (
         [as_finite(scale) for scale in given] if isinstance(given, (Sequence, np.ndarray)) else []
     )
-    if len(scales) != 2 or any(scale is None or scale < 0.0 for scale in scales):
-        raise InvalidInputError("slip", given, "(m, rad): two numbers, zero or positive")
+    if len(scales) != 2 or any(scale is None or not 0.0 <= scale <= MOST_SLIP for scale in scales):
+        expected = f"(m, rad): two numbers from 0 to {MOST_SLIP:g}"
+        raise InvalidInputError("slip", given, expected)
     return float(scales[0] or 0.0), float(scales[1] or 0.0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from snake_env.envs.core import EnvCore, EnvOptions
 from snake_env.envs.env import SnakeModeSelectionEnv, action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
+from snake_env.params import SnakeParams
+from snake_env.rendering.rendering import Painter, still_scene
 from snake_env.sim.masks import MaskLevel
 from snake_env.state import IntArray
 
@@ -34,7 +36,9 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
     Args:
         num_envs: Number of robots.
         autoreset_mode: ``NEXT_STEP``, ``SAME_STEP`` or ``DISABLED``, as Gymnasium defines them.
-        **others: As those of :class:`snake_env.envs.env.SnakeModeSelectionEnv`; there is no rendering.
+        render_mode: ``rgb_array``, or None. The pictures show the robots at their t_k; the motion in
+            between is drawn by the single env only.
+        **others: As those of :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
 
     Raises:
         InvalidInputError: A value that can't be used.
@@ -51,7 +55,8 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         reward_weights: dict[str, float] | None = None,
         slip: Sequence[float] = (0.0, 0.0),
         task_suite: str | None = None,
-        render_mode: None = None,
+        no_repeat: bool = False,
+        render_mode: str | None = None,
         **params: Any,
     ) -> None:
         count = as_integer(num_envs)
@@ -60,26 +65,29 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         autoreset_modes = [mode.value for mode in AutoresetMode]
         if autoreset_mode not in (*AutoresetMode, *autoreset_modes):
             raise UnknownNameError("autoreset_mode", str(autoreset_mode), autoreset_modes)
-        if render_mode is not None:
-            raise InvalidInputError("render_mode", render_mode, "None: render a single env")
+        if render_mode not in (None, "rgb_array"):
+            expected = "'rgb_array' or None; a single env has the other modes"
+            raise InvalidInputError("render_mode", render_mode, expected)
         options = EnvOptions.parse(
-            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, params
+            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, no_repeat, params
         )
         self.num_envs = count
         self.core = EnvCore(count, options)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {
             **SnakeModeSelectionEnv.metadata,
-            "render_modes": [],
+            "render_modes": ["rgb_array"],
             "autoreset_mode": self.autoreset_mode,
         }
-        self.render_mode = None
+        self.render_mode = render_mode
         self.single_action_space = action_space(options)
         self.single_observation_space = observation_space(options)
         self.action_space = batch_space(self.single_action_space, count)
         self.observation_space = batch_space(self.single_observation_space, count)
         self._all = np.arange(count)
-        self._rngs = [np.random.default_rng() for _ in range(count)]
+        drawn = [seeding.np_random(None) for _ in range(count)]
+        self._rngs, self._seeds = [rng for rng, _ in drawn], [seed for _, seed in drawn]
+        self._painters: list[Painter] = []
         self._ended = np.zeros(count, dtype=np.bool_)
         self._begun = False
         self._observations = np.zeros(self.observation_space.shape or (), dtype=np.float32)
@@ -115,7 +123,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
             raise InvalidInputError("seed", len(seeds), f"{self.num_envs} seeds")
         for k in chosen.tolist():
             if seeds[k] is not None:
-                self._rngs[k], _ = seeding.np_random(seeds[k])
+                self._rngs[k], self._seeds[k] = seeding.np_random(seeds[k])
         info: Info = {}
         self._restart(chosen, info, given)
         self._begun = True
@@ -135,7 +143,11 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         """
         if not self._begun:
             raise ResetNeeded("no episode is going on: call reset()")
-        given = np.asarray(actions)
+        try:
+            given = np.asarray(actions)
+        except ValueError:  # ragged
+            expected = f"one mode index for each of {self.num_envs} robots"
+            raise InvalidModeError("actions", actions, expected) from None
         if given.shape != (self.num_envs,):
             raise InvalidInputError("actions.shape", given.shape, f"({self.num_envs},)")
         if given.dtype.kind not in "iu":
@@ -164,6 +176,72 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
     def action_masks(self) -> NDArray[np.bool_]:
         """Which modes each robot may choose now, shape (num_envs, n_modes)."""
         return self.core.masks(self._all)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of each robot, (480, 640, 3) uint8, with ``render_mode="rgb_array"``; else None.
+
+        Raises:
+            MissingDependencyError: Pillow is not installed.
+            gymnasium.error.ResetNeeded: No episode has begun yet.
+        """
+        if self.render_mode is None:
+            return None
+        if not self._begun:
+            raise ResetNeeded("there is nothing to show yet: call reset()")
+        params = self.core.options.params
+        if not self._painters:
+            self._painters = [Painter(params) for _ in range(self.num_envs)]
+        return tuple(
+            painter.frame(still_scene(self.core.states[k], params))
+            for k, painter in enumerate(self._painters)
+        )
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """A method or an attribute of each robot's env, as ``SyncVectorEnv.call`` gives them.
+
+        Raises:
+            AttributeError: There is none of this name, or the robots share it.
+        """
+        rows: dict[str, Callable[[], Sequence[Any]]] = {
+            "action_masks": lambda: list(self.action_masks()),
+            "state": lambda: [self.core.states[k] for k in range(self.num_envs)],
+            "np_random": lambda: self._rngs,
+            "np_random_seed": lambda: self._seeds,
+            "render": lambda: self.render() or (None,) * self.num_envs,
+        }
+        same = {
+            "params": self.core.options.params,
+            "action_space": self.single_action_space,
+            "observation_space": self.single_observation_space,
+            "render_mode": self.render_mode,
+            "metadata": SnakeModeSelectionEnv.metadata,
+            "spec": self.spec,
+        }
+        if name in same:
+            return (same[name],) * self.num_envs
+        if name not in rows or args or kwargs:
+            known = ", ".join(sorted((*rows, *same)))
+            raise AttributeError(f"{name!r} is nothing that each robot has: known: {known}")
+        return tuple(rows[name]())
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each robot's env: :meth:`call` without arguments."""
+        return self.call(name)
+
+    @property
+    def params(self) -> SnakeParams:
+        """The constants of the robots."""
+        return self.core.options.params
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Each robot's source of randomness."""
+        return tuple(self._rngs)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What each of them was seeded with last."""
+        return tuple(self._seeds)
 
     def _finish(self, info: Info) -> None:
         """Adds the summaries of the episodes that ended, and resets them in SAME_STEP mode."""
@@ -217,10 +295,14 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         twin.__dict__.update(
             {
                 name: copy.deepcopy(getattr(self, name), memo)
-                for name in ("core", "_rngs", "_ended", "_observations")
+                for name in ("core", "_rngs", "_seeds", "_ended", "_observations")
             }
         )
+        twin._painters = []
         return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_painters": []}
 
 
 def _rows(value: Any, indices: IntArray) -> Any:

@@ -158,15 +158,19 @@ def traced_params(trace: Trace, head_contact: bool) -> SnakeParams:
 
 @functools.lru_cache(maxsize=256)
 def constants_of(params: SnakeParams) -> NDArray[np.float64]:
-    """The constants in the order in which the kernel reads them."""
+    """The constants in the order in which the kernel reads them, read-only."""
     values = [getattr(params, name) for name in _FLOATS]
     for name, _ in _TUPLES:
         values += getattr(params, name)
-    return np.array(values, dtype=np.float64)
+    constants = np.array(values, dtype=np.float64)
+    constants.setflags(write=False)
+    return constants
 
 
 @functools.lru_cache(maxsize=256)
 def clock_of(params: SnakeParams) -> NDArray[np.float64]:
-    """Time inside the interval and k_eta (16) for each sub-step, shape (n_steps, 2)."""
+    """Time inside the interval and k_eta (16) for each sub-step, shape (n_steps, 2), read-only."""
     times = [step * params.dt for step in range(params.n_steps)]
-    return np.array([(t, redundancy_gain(t, params)) for t in times], dtype=np.float64)
+    clock = np.array([(t, redundancy_gain(t, params)) for t in times], dtype=np.float64)
+    clock.setflags(write=False)
+    return clock

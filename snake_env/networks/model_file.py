@@ -1,10 +1,11 @@
-"""Model files: a network in safetensors, with a JSON manifest beside it that says what it is.
+"""Model files: a network in safetensors, whose header holds a manifest that says what it is.
 
 Nothing in them is ever executed: the tensors are plain numbers and the manifest plain text.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
@@ -16,18 +17,22 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
 
-SCHEMA = 1
+SCHEMA = 2
+LARGEST_FILE = 256 * 2**20
+"""Larger files are no models of this package [bytes]."""
+LARGEST_OUTPUT = 1e30
+"""Weights that may lead to larger outputs are refused: float32 would overflow."""
 Kind = Literal["value", "quick-value", "policy"]
 """What the outputs are: the intervals that a state still needs, or a preference for each mode.
 
-Networks are asked about a state and its mirror image, and the mean counts; a ``quick-value`` is asked
-about one of them."""
+Networks are evaluated on a state and its mirror image, and the mean counts; a ``quick-value`` is
+evaluated on one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,135 +41,181 @@ class Model:
 
     Attributes:
         kind: What its outputs are.
-        n_joints: Joints of the robots that it is for.
+        params: The constants that it was trained with.
         network: Takes observations.
         made: How it was made and what it is good for, as the manifest tells it.
         sha256: Of its file; empty where it has none.
     """
 
     kind: Kind
-    n_joints: int
+    params: SnakeParams
     network: Network
     made: Mapping[str, Any] = field(default_factory=dict)
     sha256: str = ""
 
-    def check(self, params: SnakeParams, kind: Kind) -> None:
-        """Raises InvalidInputError unless the model is of this kind and for these robots."""
+    def check(self, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> None:
+        """Finds out whether the model can be used.
+
+        Args:
+            params: The constants that it will be used with.
+            kind: The kind that it must be of.
+            transfer: Whether constants may differ from those it was trained with; ``n_joints`` may
+                not, as the network's size depends on it.
+
+        Raises:
+            InvalidInputError: It is of another kind, or for other constants; the message names each.
+        """
         if self.kind != kind:
             raise InvalidInputError("model.kind", self.kind, kind)
-        if params.n_joints != self.n_joints:
-            raise InvalidInputError("n_joints", params.n_joints, f"{self.n_joints}: the model's")
+        if params.n_joints != self.params.n_joints:
+            expected = f"{self.params.n_joints}, as the model was trained for"
+            raise InvalidInputError("n_joints", params.n_joints, expected)
+        differences = {} if transfer else params.differences(self.params)
+        if differences:
+            here, trained = zip(*differences.values(), strict=True)
+            single = len(differences) == 1
+            raise InvalidInputError(
+                ", ".join(differences),
+                here[0] if single else here,
+                f"{trained[0] if single else trained}, as the model was trained with "
+                "(transfer=1 accepts other constants)",
+            )
 
 
 def write_model(path: Path, model: Model) -> None:
-    """Writes ``path`` (``.safetensors``) and the manifest beside it (``.json``)."""
+    """Writes a model to ``path`` (``.safetensors``), atomically."""
     tensors = {}
     for k, (weight, bias) in enumerate(
         zip(model.network.weights, model.network.biases, strict=True)
     ):
         tensors[f"weight.{k}"] = np.ascontiguousarray(weight, dtype=np.float32)
         tensors[f"bias.{k}"] = np.ascontiguousarray(bias, dtype=np.float32)
-    data = save(tensors)
     manifest = {
         "schema": SCHEMA,
         "kind": model.kind,
-        "n_joints": model.n_joints,
-        "observation": [list(row) for row in observation_rows(model.n_joints)],
+        "params": dataclasses.asdict(model.params),
+        "observation": [list(row) for row in observation_rows(model.params.n_joints)],
         "network": model.network.sizes,
-        "sha256": hashlib.sha256(data).hexdigest(),
         "made": dict(model.made),
     }
+    manifest = json.loads(json.dumps(manifest))  # as it will be read
+    manifest["sha256"] = _digest(manifest, _split(save(tensors))[1])
+    # one key: with more of them their order would be random, and so would the file's bytes
+    data = save(tensors, metadata={"manifest": json.dumps(manifest)})
     path.parent.mkdir(parents=True, exist_ok=True)
-    for file, content in (
-        (path, data),
-        (path.with_suffix(".json"), (json.dumps(manifest, indent=1) + "\n").encode()),
-    ):
-        partial = file.with_name(f".{file.name}.partial")
-        partial.write_bytes(content)
-        partial.replace(file)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_bytes(data)
+    partial.replace(path)
 
 
 def read_model(path: Path) -> Model:
     """Reads a model.
 
-    Args:
-        path: The ``.safetensors`` file; its manifest lies beside it.
-
     Raises:
-        InvalidInputError: A file is missing, damaged, altered, or of another schema.
+        InvalidInputError: The file is missing, damaged, altered, or of another schema.
     """
-    manifest = _read_manifest(path)
+    if path.suffix != ".safetensors":
+        raise _bad(path, "a .safetensors file")
     try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise _bad(path, f"a file of at most {LARGEST_FILE} bytes")
         data = path.read_bytes()
     except OSError as error:
         raise _bad(path, f"a file that can be read ({error.strerror})") from None
-    if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
-        raise _bad(path, "the file that its manifest was written for (the sha256 differs)")
+    manifest, numbers = _read_manifest(path, data)
     try:
         tensors = load(data)
-    except (SafetensorError, KeyError) as error:  # KeyError: a type that NumPy lacks
+    except (SafetensorError, KeyError, ValueError) as error:  # KeyError: a type that NumPy lacks
         raise _bad(path, f"a safetensors file ({error})") from None
-    sizes: list[int] = manifest["network"]
-    layers = len(sizes) - 1
-    wanted: dict[str, tuple[int, ...]] = {}
-    for k in range(layers):
-        wanted[f"weight.{k}"] = (sizes[k], sizes[k + 1])
-        wanted[f"bias.{k}"] = (sizes[k + 1],)
-    if {name: tensor.shape for name, tensor in tensors.items()} != wanted:
-        raise _bad(path, f"the tensors {wanted}")
-    if any(t.dtype != np.float32 or not np.isfinite(t).all() for t in tensors.values()):
-        raise _bad(path, "finite float32 numbers")
-    network = Network(
-        weights=[tensors[f"weight.{k}"] for k in range(layers)],
-        biases=[tensors[f"bias.{k}"] for k in range(layers)],
-    )
-    return Model(
-        manifest["kind"], manifest["n_joints"], network, manifest["made"], manifest["sha256"]
-    )
+    if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
+        raise _bad(path, "the file as it was written (its sha256 differs)")
+    params = _read_params(path, manifest["params"])
+    network = _read_network(path, manifest, params, tensors)
+    file_sha256 = hashlib.sha256(data).hexdigest()
+    return Model(manifest["kind"], params, network, manifest["made"], file_sha256)
 
 
-def read_network(path: Path, params: SnakeParams, kind: Kind) -> Network:
-    """The network of a model that must be of this kind and for these robots.
+def read_network(path: Path, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> Network:
+    """The network of a model that must be of this kind and for these constants.
 
     Raises:
         InvalidInputError: As :func:`read_model` and :meth:`Model.check`.
     """
     model = read_model(path)
-    model.check(params, kind)
+    model.check(params, kind, transfer=transfer)
     return model.network
 
 
-def _read_manifest(path: Path) -> dict[str, Any]:
-    """The manifest of a model, checked field by field."""
-    if not path.name:
-        raise _bad(path, "a .safetensors file")
-    file = path.with_suffix(".json")
+def _split(data: bytes) -> tuple[bytes, bytes]:
+    """Header and numbers of a safetensors file: the header's length is in the first eight bytes."""
+    end = 8 + int.from_bytes(data[:8], "little")
+    return data[8:end], data[end:]
+
+
+def _digest(manifest: Mapping[str, Any], numbers: bytes) -> str:
+    """SHA-256 over a manifest, its own digest left out, and the tensors' numbers."""
+    text = json.dumps(manifest, sort_keys=True)
+    return hashlib.sha256(text.encode() + numbers).hexdigest()
+
+
+def _read_manifest(path: Path, data: bytes) -> tuple[dict[str, Any], bytes]:
+    """The manifest of a model, checked field by field, and the tensors' numbers."""
+    header, numbers = _split(data)
     try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _bad(file, f"the model's manifest ({error.strerror})") from None
-    except (ValueError, RecursionError):
-        raise _bad(file, "a manifest in JSON") from None
+        manifest = json.loads(json.loads(header)["__metadata__"]["manifest"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise _bad(path, "a model with a manifest in its header") from None
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise _bad(file, f"a manifest of schema {SCHEMA}")
-    kind, n, sizes = (manifest.get(key) for key in ("kind", "n_joints", "network"))
-    if kind not in get_args(Kind):
-        raise _bad(file, f"kind {' or '.join(get_args(Kind))}")
-    if type(n) is not int or not 5 <= n <= 16:
-        raise _bad(file, "n_joints from 5 to 16")
+        raise _bad(path, f"a manifest of schema {SCHEMA}")
+    if manifest.get("kind") not in get_args(Kind):
+        raise _bad(path, f"kind {' or '.join(get_args(Kind))}")
+    wanted = {"params": dict, "made": dict, "network": list, "sha256": str}
+    for name, kind in wanted.items():
+        if not isinstance(manifest.get(name), kind):
+            raise _bad(path, f"a manifest with {', '.join(wanted)}")
+    return manifest, numbers
+
+
+def _read_params(path: Path, given: dict[str, Any]) -> SnakeParams:
+    names = {each.name for each in dataclasses.fields(SnakeParams)}
+    if given.keys() != names:
+        raise _bad(path, "the constants of this version's robot")
+    try:
+        return SnakeParams(**given)
+    except SnakeEnvError as error:
+        raise _bad(path, f"usable constants ({error})") from None
+
+
+def _read_network(
+    path: Path, manifest: dict[str, Any], params: SnakeParams, tensors: Mapping[str, Any]
+) -> Network:
+    """The network, whose size must suit the robot and whose numbers must be usable."""
+    n, sizes = params.n_joints, manifest["network"]
     if manifest.get("observation") != [list(row) for row in observation_rows(n)]:
-        raise _bad(file, "the rows of this version's observation")
-    outputs = len(mode_table(n)) if kind == "policy" else 1
+        raise _bad(path, "the rows of this version's observation")
+    outputs = len(mode_table(n)) if manifest["kind"] == "policy" else 1
     if (
-        not isinstance(sizes, list)
-        or len(sizes) < 2
+        len(sizes) < 2
         or any(type(size) is not int or size < 1 for size in sizes)
         or (sizes[0], sizes[-1]) != (observation_size(n), outputs)
     ):
-        raise _bad(file, f"a network from {observation_size(n)} to {outputs} values")
-    if not isinstance(manifest.get("sha256"), str) or not isinstance(manifest.get("made"), dict):
-        raise _bad(file, "the fields sha256 and made")
-    return manifest
+        raise _bad(path, f"a network from {observation_size(n)} to {outputs} values")
+    layers = len(sizes) - 1
+    wanted: dict[str, tuple[int, ...]] = {}
+    for k in range(layers):
+        wanted |= {f"weight.{k}": (sizes[k], sizes[k + 1]), f"bias.{k}": (sizes[k + 1],)}
+    found = {name: tensor.shape for name, tensor in tensors.items()}
+    if found != wanted:
+        raise _bad(path, f"tensors of these shapes: {wanted}")
+    if any(t.dtype != np.float32 for t in tensors.values()):
+        raise _bad(path, "finite float32 numbers")
+    network = Network(
+        weights=[tensors[f"weight.{k}"] for k in range(layers)],
+        biases=[tensors[f"bias.{k}"] for k in range(layers)],
+    )
+    if not network.largest_output() <= LARGEST_OUTPUT:  # nor is NaN
+        raise _bad(path, "finite float32 numbers, of a size that a network can work with")
+    return network
 
 
 def _bad(path: Path, expected: str) -> InvalidInputError:

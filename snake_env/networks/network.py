@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from snake_env.state import read_only, remade
 
 Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Linear layers with rectifiers between them.
+    """Linear layers with ReLU between them. The arrays are read-only.
 
     Attributes:
         weights: One matrix for each layer, shape (inputs, outputs).
@@ -22,6 +25,13 @@ class Network:
 
     weights: Sequence[Float32Array]
     biases: Sequence[Float32Array]
+
+    def __post_init__(self) -> None:
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(map(read_only, getattr(self, name))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return remade(self)
 
     def __call__(self, x: Float32Array) -> Float32Array:
         """Outputs for inputs of shape (inputs,) or (N, inputs)."""
@@ -35,3 +45,14 @@ class Network:
     def sizes(self) -> list[int]:
         """Values at the input, in each hidden layer and at the output."""
         return [self.weights[0].shape[0], *(weight.shape[1] for weight in self.weights)]
+
+    def largest_output(self) -> float:
+        """No output is larger in size, hidden ones included, for inputs within [-1, 1].
+
+        NaN where a weight is NaN.
+        """
+        largest = sizes = np.ones(self.weights[0].shape[0])
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            sizes = sizes @ np.abs(weight.astype(np.float64)) + np.abs(bias.astype(np.float64))
+            largest = np.append(largest, sizes)
+        return float(largest.max())

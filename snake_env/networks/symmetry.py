@@ -26,7 +26,7 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """How observations are mirrored: ``observation[..., order] * sign``.
 
     Returns:
-        ``order`` and ``sign``, each of shape (observation_size,).
+        ``order`` and ``sign``, each of shape (observation_size,), read-only.
     """
     order: list[int] = []
     sign: list[float] = []
@@ -43,7 +43,10 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
             positions = [first + -k % SUPPORT_DIRECTIONS for k in range(SUPPORT_DIRECTIONS)]
         order += positions
         sign += signs
-    return np.array(order), np.array(sign, dtype=np.float32)
+    result = np.array(order), np.array(sign, dtype=np.float32)
+    for array in result:
+        array.setflags(write=False)
+    return result
 
 
 def telling(size: int) -> int:

@@ -37,10 +37,12 @@ class LookaheadPolicy:
             :func:`snake_env.policies.search.beam_search`; None: they always do.
         deadline_ms: Time for a decision [ms]; ``inf``: none, so that decisions don't depend on the
             machine.
-        value: Says how promising a state is; default: the shipped network.
+        value: Says how promising a state is; default: the shipped network, or the phases left where
+            none ships for as many joints.
+        transfer: Whether a shipped network that was trained with other constants may guide the search.
 
     Raises:
-        InvalidInputError: An option can't be used.
+        InvalidInputError: An option can't be used, or the shipped networks are for other constants.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class LookaheadPolicy:
         depth: int | None = None,
         deadline_ms: float = 1000.0,
         value: ValueFunction | None = None,
+        transfer: bool = False,
     ) -> None:
         for name, given in (("width", width), ("depth", depth)):
             number = as_integer(given)
@@ -60,7 +63,7 @@ class LookaheadPolicy:
         self.params, self.width, self.depth, self.deadline_ms = params, width, depth, deadline_ms
         self.rollouts = 0
         self._optimizer = AnalyticOptimizer(params)
-        self._value = load_value(params) if value is None else value
+        self._value = load_value(params, transfer=transfer) if value is None else value
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:

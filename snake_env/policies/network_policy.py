@@ -19,19 +19,20 @@ from snake_env.state import IntArray, SnakeState
 class NetworkPolicy:
     """The mode that a network prefers among those that are stable at t_k.
 
-    A choice that left the robot where it was would do so again: as long as the robot stands still, it
-    is not repeated.
+    A mode that left the robot where it was would do so again. As long as the robot stands still, no
+    mode that was executed is chosen again while there are others (the no-repeat rule).
 
     Args:
         params: The constants.
         model: Of the kind ``policy``.
+        transfer: Whether the constants may differ from those that the model was trained with.
 
     Raises:
-        InvalidInputError: The model is not for these robots, or of another kind.
+        InvalidInputError: The model was trained with other constants, or is of another kind.
     """
 
-    def __init__(self, params: SnakeParams, model: Model) -> None:
-        model.check(params, "policy")
+    def __init__(self, params: SnakeParams, model: Model, transfer: bool = False) -> None:
+        model.check(params, "policy", transfer=transfer)
         self.rollouts = 0
         self._params = params
         self._network = SymmetricNetwork(model.network, params.n_joints)
@@ -39,17 +40,16 @@ class NetworkPolicy:
 
     def reset(self, seed: int | None = None) -> None:
         """Begins an episode: nothing has been tried."""
-        self._tried: list[int] = []
+        self._tried: set[int] = set()
+        self._asked_at = -1.0
         self._where: tuple[int, NDArray[np.float64]] | None = None
 
     def select_mode(self, state: SnakeState) -> int:
         """The mode of highest preference."""
-        mode = int(self._preferences(state).argmax())
-        self._tried.append(mode)
-        return mode
+        return int(self._preferences(state).argmax())
 
     def ranking(self, state: SnakeState) -> IntArray:
-        """All modes that the mask allows, the preferred ones first; nothing counts as tried."""
+        """The modes that may be chosen, the preferred ones first."""
         ranks = self._preferences(state)
         order = np.argsort(-ranks, kind="stable")
         ranked: IntArray = order[: int(np.isfinite(ranks).sum())]
@@ -63,8 +63,13 @@ class NetworkPolicy:
         if self._has_moved(state):
             self._where = state.phase, state.phi
             self._tried.clear()
-        elif len(self._tried) < np.count_nonzero(mask):
-            ranks[self._tried] = -np.inf
+        elif state.elapsed != self._asked_at and state.last_mode >= 0:
+            self._tried.add(state.last_mode)  # what was executed, whoever chose it
+        self._asked_at = state.elapsed
+        open_ = np.isfinite(ranks)
+        open_[list(self._tried)] = False
+        if open_.any():
+            ranks[~open_] = -np.inf
         return ranks
 
     def _has_moved(self, state: SnakeState) -> bool:

@@ -8,6 +8,7 @@ import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,13 @@ from snake_env.policies.lookahead import LookaheadPolicy
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.search import expand
 from snake_env.policies.shield import ShieldedPolicy
-from snake_env.policies.value import NetworkValue, ValueFunction, load_value, pretrained
+from snake_env.policies.value import (
+    NetworkValue,
+    ValueFunction,
+    load_value,
+    pretrained,
+    shipped,
+)
 from snake_env.sim.masks import instant_mask
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
@@ -77,12 +84,20 @@ class ValuePolicy:
     Args:
         params: The constants that it predicts with.
         value: Default: the shipped network ``value``, or what the planner is guided by.
+        transfer: Whether that network may have been trained with other constants.
+
+    Raises:
+        InvalidInputError: The shipped networks were trained with other constants.
     """
 
-    def __init__(self, params: SnakeParams, value: ValueFunction | None = None) -> None:
+    def __init__(
+        self, params: SnakeParams, value: ValueFunction | None = None, transfer: bool = False
+    ) -> None:
         self.params = params
         self.rollouts = 0
-        self._value = _quick_value(params) if value is None else value
+        if value is None:
+            value = load_value(params, ("value", "lookahead"), transfer)
+        self._value = value
         self._optimizer = AnalyticOptimizer(params)
 
     def reset(self, seed: int | None = None) -> None:
@@ -92,7 +107,9 @@ class ValuePolicy:
         """The feasible mode of best value; where none is feasible, the one that holds out longest."""
         modes, worth = self._choices(state)
         if len(modes) == 0:
-            return self._optimizer.select(state).last_resort
+            selection = self._optimizer.select(state)
+            self.rollouts += len(selection.modes)
+            return selection.last_resort
         if len(modes) == 1:
             return int(modes[0])
         return int(modes[np.argmin(worth())])
@@ -115,12 +132,6 @@ class ValuePolicy:
 _CREEPING = 0.01
 """Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
 joint comes close to its limit, and a network that prefers one of them would do so again and again."""
-
-
-def _quick_value(params: SnakeParams) -> ValueFunction:
-    """The network that ships for single decisions."""
-    model = pretrained("value", params.n_joints, params.head_contact)
-    return load_value(params) if model is None else NetworkValue(model, params)
 
 
 _POLICY_STREAMS = (0, 1)
@@ -153,6 +164,7 @@ def _reduced_candidates() -> NDArray[np.bool_]:
     candidates = np.zeros((8, len(mode_table(8))), dtype=np.bool_)
     for phase, indices in modes.items():
         candidates[int(phase) - 1, indices] = True
+    candidates.setflags(write=False)
     return candidates
 
 
@@ -162,15 +174,16 @@ def _analytic_14(params: SnakeParams) -> AnalyticPolicy:
     return AnalyticPolicy(params, _reduced_candidates())
 
 
-def _learned(name: str) -> Callable[[SnakeParams], Policy]:
+def _learned(name: str) -> Callable[..., Policy]:
     """Makes the shipped policy of this name."""
 
-    def policy(params: SnakeParams) -> Policy:
-        model = pretrained(name, params.n_joints, params.head_contact)
+    def policy(params: SnakeParams, transfer: bool = False) -> Policy:
+        model = pretrained(params, name, transfer=transfer)
         if model is None:
-            robots = f"{params.n_joints} joints, head_contact {params.head_contact}"
-            raise InvalidInputError("policy", name, f"one that ships for these robots ({robots})")
-        return NetworkPolicy(params, model)
+            joints = sorted({each.params.n_joints for each in shipped(name)})
+            expected = f"{' or '.join(map(str, joints))}, for which {name} ships"
+            raise InvalidInputError("n_joints", params.n_joints, expected)
+        return NetworkPolicy(params, model, transfer)
 
     return policy
 
@@ -186,9 +199,12 @@ POLICIES: dict[str, Callable[..., Policy]] = {
 }
 """Every policy by name; each entry makes one for given constants, and options where it has any."""
 SHIELD = "+shield"
+MODEL_FILE = ".safetensors"
 
 
-def load_policy(name: str | Path, params: SnakeParams | None = None) -> Policy:
+def load_policy(
+    name: str | Path, params: SnakeParams | None = None, transfer: bool = False
+) -> Policy:
     """A policy by name, or the policy of a model file.
 
     Args:
@@ -197,43 +213,72 @@ def load_policy(name: str | Path, params: SnakeParams | None = None) -> Policy:
             feasible mode whose successor is worth most), ``imitate``, ``ppo``, ``dqn`` (learned, no
             roll-outs), or the path of a ``.safetensors`` file. ``+shield`` after it adds a
             :class:`snake_env.policies.shield.ShieldedPolicy`. Options follow a colon, as in
-            ``lookahead:width=16,deadline_ms=inf``.
+            ``lookahead:width=16,deadline_ms=inf`` or ``ppo+shield:transfer=1``.
         params: The constants that it predicts with; default: the preset ``paper``.
+        transfer: Whether a network that was trained with other constants is accepted.
 
     Raises:
         UnknownNameError: No such policy, or no such option.
-        InvalidInputError: The policy does not exist for these constants, or not with this option; a
-            damaged model file.
+        InvalidInputError: The policy does not exist for these constants, was trained with others, or
+            not with this option; a damaged model file.
     """
     constants = params or SnakeParams()
-    text = str(name)
-    if text.endswith(SHIELD):
-        return ShieldedPolicy(load_policy(text.removesuffix(SHIELD), constants), constants)
-    if text.endswith(".safetensors"):
-        model = read_model(Path(text))
-        if model.kind == "policy":
-            return NetworkPolicy(constants, model)
-        return ValuePolicy(constants, NetworkValue(model, constants))
-    base, colon, options = text.partition(":")
-    if base not in POLICIES:
+    base, shielded, options = _parse(str(name))
+    make: Callable[..., Policy]
+    if base.endswith(MODEL_FILE):
+        make, title = functools.partial(_of_file, Path(base)), "a model file"
+    elif base in POLICIES:
+        make, title = POLICIES[base], base
+    else:
         raise UnknownNameError("policy", base, POLICIES)
-    return POLICIES[base](constants, **_options(base, options) if colon else {})
-
-
-def _options(name: str, text: str) -> dict[str, float]:
-    """A policy's options from ``key=value,key=value``: numbers."""
-    known = [
-        key
-        for key, parameter in inspect.signature(POLICIES[name]).parameters.items()
-        if parameter.annotation in ("int", "float", "int | None")
-    ]
-    options: dict[str, float] = {}
-    for assignment in text.split(","):
-        key, _, value = assignment.partition("=")
+    known = _known_options(make)
+    for key in options:
         if key not in known:
-            raise UnknownNameError(f"option of {name}", key, known)
-        try:
-            options[key] = int(value) if value.lstrip("-").isdigit() else float(value)
-        except ValueError:
-            raise InvalidInputError(f"{name}:{key}", value, "a number") from None
-    return options
+            raise UnknownNameError(f"option of {title}", key, known)
+    given: dict[str, Any] = {k: _number(f"{title}:{k}", text) for k, text in options.items()}
+    if "transfer" in known:
+        given["transfer"] = _truth(given.get("transfer", transfer))
+    policy = make(constants, **given)
+    return ShieldedPolicy(policy, constants) if shielded else policy
+
+
+def _of_file(path: Path, params: SnakeParams, transfer: bool = False) -> Policy:
+    """The policy of a model file."""
+    model = read_model(path)
+    if model.kind == "policy":
+        return NetworkPolicy(params, model, transfer)
+    return ValuePolicy(params, NetworkValue(model, params, transfer))
+
+
+def _parse(text: str) -> tuple[str, bool, dict[str, str]]:
+    """A policy's base name, whether it is shielded, and its options; either order of both."""
+    start = text.rfind(MODEL_FILE)  # a path may hold colons and pluses
+    end = 0 if start < 0 else start + len(MODEL_FILE)
+    head, tail = text[:end], text[end:]
+    plain, shield, after = tail.partition(SHIELD)
+    if after and not after.startswith(":"):
+        return text, False, {}
+    name, colon, options = plain.partition(":")
+    given = [options] * bool(colon) + [after[1:]] * bool(after)
+    pairs = (pair.partition("=")[::2] for part in given for pair in part.split(","))
+    return head + name, bool(shield), dict(pairs)
+
+
+def _known_options(make: Callable[..., Policy]) -> list[str]:
+    """The options of a policy that a number can be given for."""
+    kinds = ("int", "float", "int | None", "bool")
+    parameters = inspect.signature(make).parameters.values()
+    return [each.name for each in parameters if each.annotation in kinds]
+
+
+def _number(field: str, text: str) -> float:
+    try:
+        return int(text) if text.lstrip("-").isdigit() else float(text)
+    except ValueError:
+        raise InvalidInputError(field, text, "a number") from None
+
+
+def _truth(value: float) -> bool:
+    if value not in (0, 1):
+        raise InvalidInputError("transfer", value, "0 or 1")
+    return bool(value)

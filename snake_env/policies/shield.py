@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from snake_env.kernel.blocks import LANES
 from snake_env.params import SnakeParams
@@ -11,7 +10,7 @@ from snake_env.policies.base import Policy
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
-from snake_env.state import SnakeState
+from snake_env.state import IntArray, SnakeState
 
 
 class ShieldedPolicy:
@@ -41,22 +40,23 @@ class ShieldedPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """A feasible mode wherever there is one."""
-        favourite = self._policy.select_mode(state)
-        if self._first_feasible(state, [favourite]) is not None:
-            return favourite
-        if isinstance(self._policy, NetworkPolicy):
-            others = self._policy.ranking(state)
-            others = others[others != favourite][:LANES]
-            mode = self._first_feasible(state, others)
+        for modes in self._in_turn(state):
+            mode = self._first_feasible(state, modes)
             if mode is not None:
                 return mode
         selection = self._optimizer.select(state)
         self._spent += len(selection.modes)
         return selection.last_resort
 
-    def _first_feasible(self, state: SnakeState, modes: ArrayLike) -> int | None:
+    def _in_turn(self, state: SnakeState) -> list[IntArray]:
+        """The policy's choices, in the portions in which they are checked."""
+        if not isinstance(self._policy, NetworkPolicy):
+            return [np.array([self._policy.select_mode(state)])]
+        ranked = self._policy.ranking(state)[: 1 + LANES]
+        return [ranked[:1], ranked[1:]]
+
+    def _first_feasible(self, state: SnakeState, candidates: IntArray) -> int | None:
         """The first of some modes that is feasible and lets no links touch; None where none is."""
-        candidates = np.asarray(modes)
         prediction = predict(state, candidates, self._params)
         self._spent += len(candidates)
         good = prediction.feasible & (prediction.d_min >= self._params.d_touch)

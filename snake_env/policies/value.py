@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -42,19 +41,20 @@ class PhaseValue:
 
 
 class NetworkValue:
-    """A trained network, asked about each state and its mirror image, or about one of them.
+    """A trained network, evaluated on each state and its mirror image, or on one of them.
 
     Args:
         model: Of the kind ``value`` or ``quick-value``.
         params: The constants.
+        transfer: Whether these may differ from the constants that the model was trained with.
 
     Raises:
-        InvalidInputError: The model is not for these robots, or of another kind.
+        InvalidInputError: The model was trained with other constants, or is of another kind.
     """
 
-    def __init__(self, model: Model, params: SnakeParams) -> None:
+    def __init__(self, model: Model, params: SnakeParams, transfer: bool = False) -> None:
         quick = model.kind == "quick-value"
-        model.check(params, "quick-value" if quick else "value")
+        model.check(params, "quick-value" if quick else "value", transfer=transfer)
         self._params = params
         asked = CanonicalNetwork if quick else SymmetricNetwork
         self._asked = asked(model.network, params.n_joints)
@@ -81,31 +81,55 @@ class NetworkValue:
 @functools.lru_cache(maxsize=4)
 def network_value(network: Network, params: SnakeParams) -> NetworkValue:
     """The value function of a network that is in no file."""
-    return NetworkValue(Model("value", params.n_joints, network), params)
+    return NetworkValue(Model("value", params, network), params)
 
 
 @functools.lru_cache(maxsize=16)
-def pretrained(name: str, n_joints: int, head_contact: bool) -> Model | None:
-    """The shipped model of a policy for such robots; None where there is none."""
-    variant = name if head_contact else f"{name}-narrow"
-    suffix = "" if n_joints == 8 else f"-{n_joints}"
+def shipped(name: str) -> tuple[Model, ...]:
+    """The models of a policy that ship with the package, one for each robot."""
     with importlib.resources.as_file(importlib.resources.files("snake_env")) as package:
-        path = Path(package) / "pretrained" / f"{variant}{suffix}.safetensors"
-        return read_model(path) if path.is_file() else None
+        folder = package / "pretrained"
+        files = [folder / f"{name}.safetensors", *sorted(folder.glob(f"{name}-*.safetensors"))]
+        return tuple(read_model(file) for file in files if file.is_file())
 
 
-def guide(params: SnakeParams) -> Model | None:
-    """The shipped network that guides planner and teachers for such robots; None where there is none.
+def pretrained(params: SnakeParams, *names: str, transfer: bool = False) -> Model | None:
+    """The shipped model for a robot.
 
-    That is ``lookahead``: large, as many states share its cost. Robots without one have ``value`` for
-    this too, the network of the policy of that name, in which every decision waits for it.
+    Args:
+        params: The robot's constants.
+        *names: Policies whose models serve, the preferred one first.
+        transfer: Whether a model that was trained with other constants serves where there is none for
+            these: the one that differs least.
+
+    Returns:
+        The model; None where none ships for robots with as many joints.
+
+    Raises:
+        InvalidInputError: All that ship for as many joints were trained with other constants.
     """
-    robots = (params.n_joints, params.head_contact)
-    return pretrained("lookahead", *robots) or pretrained("value", *robots)
+    models = [model for name in names for model in shipped(name)]
+    fitting = [model for model in models if model.params.n_joints == params.n_joints]
+    if not fitting:
+        return None
+    nearest = min(fitting, key=lambda model: len(params.differences(model.params)))
+    nearest.check(params, nearest.kind, transfer=transfer)
+    return nearest
+
+
+GUIDES = ("lookahead", "value")
+"""Whose networks guide planner and teachers. ``lookahead`` is large, as many states share its cost;
+robots without one have ``value``, for whose network every decision of that policy waits."""
 
 
 @functools.lru_cache(maxsize=16)
-def load_value(params: SnakeParams) -> ValueFunction:
-    """What :func:`guide` says, or :class:`PhaseValue` where there is none."""
-    model = guide(params)
-    return PhaseValue(params) if model is None else NetworkValue(model, params)
+def load_value(
+    params: SnakeParams, names: tuple[str, ...] = GUIDES, transfer: bool = False
+) -> ValueFunction:
+    """The shipped value network for a robot, or :class:`PhaseValue` where :func:`pretrained` has none.
+
+    Raises:
+        InvalidInputError: As :func:`pretrained`.
+    """
+    model = pretrained(params, *names, transfer=transfer)
+    return PhaseValue(params) if model is None else NetworkValue(model, params, transfer)

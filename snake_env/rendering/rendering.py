@@ -165,7 +165,9 @@ class Viewer:
 
 
 class _Window:
-    """A pygame window."""
+    """The pygame window: pygame has a single one, which closes with the last that shows in it."""
+
+    _users = 0
 
     def __init__(self) -> None:
         try:
@@ -179,6 +181,7 @@ class _Window:
         pygame.display.set_caption("snake-mode-env")
         self._screen = pygame.display.set_mode((WIDTH, HEIGHT))
         self._clock = pygame.time.Clock()
+        _Window._users += 1
 
     def show(self, frame: NDArray[np.uint8]) -> None:
         surface = self._pygame.surfarray.make_surface(frame.swapaxes(0, 1))
@@ -188,7 +191,9 @@ class _Window:
         self._clock.tick(FRAMES_PER_SECOND)
 
     def close(self) -> None:
-        self._pygame.display.quit()
+        _Window._users -= 1
+        if _Window._users == 0:
+            self._pygame.display.quit()
 
 
 class Painter:

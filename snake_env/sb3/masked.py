@@ -21,16 +21,57 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtr
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 
+from snake_env.errors import InvalidInputError
+from snake_env.modes import mode_table
+from snake_env.params import N_JOINTS_RANGE
 from snake_env.sb3.symmetric import Mirror, mean_of_both
+from snake_env.sim.observation import observation_size
 
 CLOSED = -1e8
 """Logit, or action value, of a mode that the mask forbids."""
+_PARTS = ("observation", "action_mask")
+
+
+def check_space(space: spaces.Space[Any]) -> None:
+    """Finds out whether observations are those of ``SnakeVecEnv(mask_in_observation=True)``.
+
+    Raises:
+        InvalidInputError: They are not, or they are stacked.
+    """
+    if not isinstance(space, spaces.Dict) or set(space.spaces) != set(_PARTS):
+        expected = "that of SnakeVecEnv(..., mask_in_observation=True)"
+        raise InvalidInputError("observation_space", space, expected)
+    size, n_modes = (_size(space[part]) for part in _PARTS)
+    joints = {observation_size(n): n for n in range(N_JOINTS_RANGE[0], N_JOINTS_RANGE[1] + 1)}
+    if size not in joints or n_modes != len(mode_table(joints[size])):
+        expected = (
+            "one observation and its mask, not stacked ones: without VecFrameStack; "
+            "an observation says all about the state"
+        )
+        raise InvalidInputError("observation_space", space, expected)
+
+
+def checked_mask(mask: torch.Tensor) -> torch.Tensor:
+    """The mask, if it is one.
+
+    Raises:
+        InvalidInputError: An entry is neither 0 nor 1.
+    """
+    wrong = mask[(mask != 0) & (mask != 1)]
+    if len(wrong):
+        expected = (
+            "0 or 1: something has changed the mask. With VecNormalize, "
+            'leave it out: VecNormalize(env, norm_obs_keys=["observation"])'
+        )
+        raise InvalidInputError("action_mask", float(wrong[0]), expected)
+    return mask
 
 
 class ObservationExtractor(BaseFeaturesExtractor):
     """Leaves the mask out of the features."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
+        check_space(observation_space)
         super().__init__(observation_space, _size(observation_space["observation"]))
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -42,11 +83,12 @@ class _WithMask(BaseFeaturesExtractor):
     """The observation with the mask behind it."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
-        parts = ("observation", "action_mask")
-        super().__init__(observation_space, sum(_size(observation_space[p]) for p in parts))
+        check_space(observation_space)
+        super().__init__(observation_space, sum(_size(observation_space[p]) for p in _PARTS))
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        return torch.cat([observations["observation"], observations["action_mask"]], dim=1)
+        mask = checked_mask(observations["action_mask"])
+        return torch.cat([observations["observation"], mask], dim=1)
 
 
 class _MaskedMlp(MlpExtractor):
@@ -121,7 +163,7 @@ class MaskedQNetwork(QNetwork):
         assert isinstance(obs, dict)
         both = self._mirror(self.extract_features(obs, self.features_extractor))
         values = mean_of_both(self.q_net(both))
-        values = values.masked_fill(obs["action_mask"] < 1, CLOSED)
+        values = values.masked_fill(checked_mask(obs["action_mask"]) < 1, CLOSED)
         for network in self.chooser:
             chosen = network(obs).argmax(dim=1, keepdim=True)
             values = torch.full_like(values, CLOSED).scatter(1, chosen, values.gather(1, chosen))
@@ -182,6 +224,7 @@ class MaskedDQN(DQN):
 
     def _random_modes(self, mask: NDArray[Any]) -> NDArray[np.int64]:
         """One open mode for each row, uniformly."""
+        checked_mask(torch.as_tensor(mask))
         chances = self._random().random(mask.shape) * (mask > 0)
         modes: NDArray[np.int64] = chances.argmax(axis=-1)
         return modes

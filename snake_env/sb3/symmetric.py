@@ -21,8 +21,8 @@ class Mirror(nn.Module):
     def __init__(self, size: int) -> None:
         super().__init__()
         order, sign = mirror(joints_observed(size))
-        self.register_buffer("order", torch.from_numpy(order), persistent=False)
-        self.register_buffer("sign", torch.from_numpy(sign), persistent=False)
+        self.register_buffer("order", torch.tensor(order), persistent=False)
+        self.register_buffer("sign", torch.tensor(sign), persistent=False)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """From shape (N, size) to (2 N, size)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ class SnakeVecEnv(VecEnv):
 
     def __init__(self, num_envs: int, mask_in_observation: bool = False, **kwargs: Any) -> None:
         self.envs = SnakeModeSelectionVectorEnv(num_envs, AutoresetMode.SAME_STEP, **kwargs)
-        self.render_mode = None
+        self.render_mode = self.envs.render_mode
         self.mask_in_observation = mask_in_observation
         observed: spaces.Space[Any] = self.envs.single_observation_space
         n_modes = self.envs.core.masks(np.array([0])).shape[1]
@@ -62,6 +63,10 @@ class SnakeVecEnv(VecEnv):
         self._returns[:], self._lengths[:] = 0.0, 0
         self._masks = info["action_mask"]
         return self._observation(observation, self._masks)
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A picture of each robot, for SB3's ``render`` and ``VecVideoRecorder``."""
+        return self.envs.render() or [None] * self.num_envs
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the actions for :meth:`step_wait`."""
@@ -99,9 +104,9 @@ class SnakeVecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the robots' env: the same for all."""
-        value = self.render_mode if attr_name == "render_mode" else getattr(self.envs, attr_name)
-        return [value for _ in self._get_indices(indices)]
+        """An attribute of each robot's env, as ``params``."""
+        values = self.envs.get_attr(attr_name)
+        return [values[k] for k in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Sets an attribute for all robots.
@@ -129,4 +134,4 @@ class SnakeVecEnv(VecEnv):
     def _observation(self, observation: NDArray[np.float32], mask: NDArray[np.int8]) -> Any:
         if not self.mask_in_observation:
             return observation
-        return {"observation": observation, "action_mask": mask}
+        return {"observation": observation, "action_mask": mask.copy()}

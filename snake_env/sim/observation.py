@@ -89,7 +89,9 @@ def _arguments(state: SnakeState | StateBatch, params: SnakeParams) -> tuple[Any
 @functools.cache
 def _lifted_before(n_joints: int) -> FloatArray:
     """The rear wheels that each mode lifts; no mode, -1, comes first: shape (1 + n_modes, n)."""
-    return np.insert(mode_table(n_joints).lifted.astype(np.float64), 0, 0.0, axis=0)
+    lifted = np.insert(mode_table(n_joints).lifted.astype(np.float64), 0, 0.0, axis=0)
+    lifted.setflags(write=False)
+    return lifted
 
 
 @functools.cache

@@ -60,6 +60,7 @@ class AnalyticOptimizer:
             masks = [mask & allowed for mask, allowed in zip(masks, candidates, strict=True)]
         self._modes = {p: np.flatnonzero(mask) for p, mask in zip(phases, masks, strict=True)}
         for phase, modes in self._modes.items():
+            modes.setflags(write=False)
             if len(modes) == 0:
                 raise InvalidInputError(
                     "candidates", phase, "at least one valid mode in each phase"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +27,8 @@ from snake_env.kernel.interval import (
     get_kernel,
 )
 from snake_env.modes import mode_table
-from snake_env.params import SnakeParams
-from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
+from snake_env.params import LARGEST, SnakeParams
+from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch, read_only, remade
 
 VIOLATIONS = ("", "stability", "joint_limit")
 """Names of what can go wrong in an interval: nothing, (22), (23)."""
@@ -72,7 +73,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The motion inside one interval, at each sub-step.
+    """The motion inside one interval, at each sub-step. The arrays are read-only.
 
     Attributes:
         t: Times inside the interval, shape (K + 1,) [s].
@@ -85,6 +86,13 @@ class Trajectory:
     phi: FloatArray
     w: FloatArray
     u: FloatArray
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return remade(self)
 
 
 def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -341,10 +349,12 @@ def check_states(states: StateBatch, params: SnakeParams) -> None:
             found = shape[1] if len(shape) == 2 else shape[1:]
             raise InvalidInputError(f"state.{name}", found, expected)
     numbers = {name: getattr(states, name).ravel() for name in _REAL_FIELDS}
-    if not np.isfinite(np.concatenate(tuple(numbers.values()))).all():  # all at once: it is quicker
+    sizes = np.abs(np.concatenate(tuple(numbers.values())))  # all at once: it is quicker
+    if not (sizes <= LARGEST).all():
         for name, values in numbers.items():
-            for wrong in values[~np.isfinite(values)]:
-                raise InvalidInputError(f"state.{name}", float(wrong), "finite numbers")
+            for wrong in values[~(np.abs(values) <= LARGEST)]:
+                expected = f"finite numbers, at most {LARGEST:g} in size"
+                raise InvalidInputError(f"state.{name}", float(wrong), expected)
     if len(states) and (states.phase.min() < 1 or states.phase.max() > n + 1):
         raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
     if len(states) and not -1 <= states.last_mode.min() <= states.last_mode.max() < len(

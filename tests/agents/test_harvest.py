@@ -22,7 +22,7 @@ SHARD = Trial(seed=1, part=3, count=40, network=unsure(), params=PAPER)
 
 def _is_lost(state: SnakeState, network: Network) -> bool:
     """Plays a task by itself."""
-    policy = NetworkPolicy(PAPER, Model("policy", 8, network))
+    policy = NetworkPolicy(PAPER, Model("policy", PAPER, network))
     for _ in range(PAPER.horizon):
         before, mode = state, policy.select_mode(state)
         state, prediction = advance(before, mode, PAPER)

@@ -1,10 +1,13 @@
 """Model files: what is written is read, and nothing that was damaged, altered or made up is."""
 
+import dataclasses
 import hashlib
 import itertools
 import json
 import pickle
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,10 +18,12 @@ from safetensors.numpy import load, save
 
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
-from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.networks import model_file
+from snake_env.networks.model_file import Model, _digest, _split, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_size
+from tests.support import ROOT
 from tests.support.robots import PAPER
 
 MADE = {"command": "python -m train value", "generation": 3, "note": "\u00e9 and \u2028"}
@@ -33,7 +38,7 @@ def _model(kind: str = "value", n_joints: int = 8, hidden: tuple[int, ...] = (6,
         [rng.normal(size=pair).astype(np.float32) for pair in pairs],
         [rng.normal(size=pair[1]).astype(np.float32) for pair in pairs],
     )
-    return Model(kind, n_joints, network, MADE)  # type: ignore[arg-type]
+    return Model(kind, SnakeParams(n_joints=n_joints), network, MADE)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -45,20 +50,33 @@ def path(tmp_path: Path) -> Path:
 
 
 def _manifest(path: Path) -> dict[str, Any]:
-    return json.loads(path.with_suffix(".json").read_text())
+    return json.loads(json.loads(_split(path.read_bytes())[0])["__metadata__"]["manifest"])
+
+
+def _put(path: Path, manifest: dict[str, Any] | str, tensors: bytes) -> None:
+    """Writes a file of a manifest and tensors; a dict is signed."""
+    if isinstance(manifest, dict):
+        others = {key: value for key, value in manifest.items() if key != "sha256"}
+        numbers = _split(tensors)[1]
+        signed = manifest.get("sha256") == "signed"
+        manifest = json.dumps(
+            {**manifest, "sha256": _digest(others, numbers)} if signed else manifest
+        )
+    header = json.loads(_split(tensors)[0])
+    header["__metadata__"] = {"manifest": manifest}
+    path.write_bytes(_crafted(header, _split(tensors)[1]))
 
 
 def _change(path: Path, **changes: Any) -> None:
     """Replaces fields of the manifest; those that become ``...`` are left out."""
-    fields = {**_manifest(path), **changes}
+    fields = {**_manifest(path), "sha256": "signed", **changes}
     kept = {key: value for key, value in fields.items() if value is not ...}
-    path.with_suffix(".json").write_text(json.dumps(kept))
+    _put(path, kept, path.read_bytes())
 
 
-def _put(path: Path, data: bytes) -> None:
+def _retell(path: Path, tensors: bytes) -> None:
     """Replaces the tensors, and signs them."""
-    path.write_bytes(data)
-    _change(path, sha256=hashlib.sha256(data).hexdigest())
+    _put(path, {**_manifest(path), "sha256": "signed"}, tensors)
 
 
 def _refusal(path: Path) -> str:
@@ -80,13 +98,12 @@ def test_model__is_read_as_it_was_written(
     path, model = tmp_path / "new" / "a.model.safetensors", _model(kind, n_joints, hidden)
     write_model(path, model)
     again = read_model(path)
-    assert (again.kind, again.n_joints, again.made) == (kind, n_joints, MADE)
+    assert (again.kind, again.params, again.made) == (kind, model.params, MADE)
     assert again.network.sizes == model.network.sizes
     for name in ("weights", "biases"):
         pairs = zip(getattr(again.network, name), getattr(model.network, name), strict=True)
         assert all(np.array_equal(one, other) for one, other in pairs)
-    names = {"a.model.safetensors", "a.model.json"}
-    assert {file.name for file in (tmp_path / "new").iterdir()} == names  # nothing is left over
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["a.model.safetensors"]
 
 
 def test_model__overwrites_another(path: Path) -> None:
@@ -96,33 +113,69 @@ def test_model__overwrites_another(path: Path) -> None:
 
 def test_model__is_the_same_file_each_time(path: Path, tmp_path: Path) -> None:
     write_model(tmp_path / "again.safetensors", _model())
-    for suffix in (".safetensors", ".json"):
-        one, other = path.with_suffix(suffix), (tmp_path / "again").with_suffix(suffix)
-        assert one.read_bytes() == other.read_bytes()
+    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
+    program = (
+        "import sys; from pathlib import Path; from tests.networks.test_model_file import *; "
+        "from tests.networks.test_model_file import _model; "
+        "write_model(Path(sys.argv[1]), _model())"
+    )
+    for k in range(2):  # strings hash otherwise in each process
+        other = tmp_path / f"{k}.safetensors"
+        subprocess.run([sys.executable, "-c", program, str(other)], check=True, cwd=ROOT)
+        assert other.read_bytes() == path.read_bytes()
 
 
 def test_model__survives_a_write_that_fails(path: Path) -> None:
-    before = path.read_bytes(), path.with_suffix(".json").read_bytes()
+    before = path.read_bytes()
     model = _model("policy", 5)
     with pytest.raises(TypeError):
-        write_model(path, Model("policy", 5, model.network, {"path": path}))  # is not JSON
-    assert (path.read_bytes(), path.with_suffix(".json").read_bytes()) == before
+        write_model(path, Model("policy", model.params, model.network, {"path": path}))  # not JSON
+    assert path.read_bytes() == before
 
 
 def test_manifest__tells_what_the_model_is(path: Path) -> None:
     manifest = _manifest(path)
-    assert manifest["schema"] == 1
-    assert (manifest["kind"], manifest["n_joints"], manifest["network"]) == ("value", 8, SIZES)
+    assert (manifest["schema"], manifest["kind"], manifest["network"]) == (2, "value", SIZES)
+    assert manifest["params"] == json.loads(json.dumps(dataclasses.asdict(PAPER)))
     assert sum(size for _, size in manifest["observation"]) == SIZES[0]
-    assert manifest["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert manifest["made"] == MADE
+    assert read_model(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_network__is_read_only(path: Path) -> None:
+    for network in (read_model(path).network, pickle.loads(pickle.dumps(_model().network))):
+        for array in (*network.weights, *network.biases):
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] = 0.0
 
 
 def test_check__accepts_robots_of_as_many_joints_only() -> None:
     model = _model(n_joints=5)
     model.check(SnakeParams(n_joints=5), model.kind)
-    with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5: the model's$"):
-        model.check(PAPER, model.kind)
+    for transfer in (False, True):
+        with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5, as the model was"):
+            model.check(PAPER, model.kind, transfer=transfer)
+
+
+DIFFERENT = [
+    ({"l": 0.12}, r"^l = 0\.12: expected 0\.091, as the model was trained with \(transfer=1 "),
+    ({"head_contact": False}, r"^head_contact = False: expected True, as "),
+    ({"horizon": 50}, r"^horizon = 50: expected 100, as "),
+    (
+        {"dt": 0.2, "gains": (1.0, 1.0, 0.5, 0.5)},
+        r"^dt, gains = \(0\.2, .*\): expected \(0\.02, \(1\.0, 1\.0, 0\.5, 2\.0\)\), as ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), DIFFERENT)
+def test_check__names_every_constant_that_differs(changes: dict[str, Any], message: str) -> None:
+    params = PAPER.replace(**changes)
+    with pytest.raises(InvalidInputError, match=message):
+        _model().check(params, "value")
+    _model().check(params, "value", transfer=True)
+    with pytest.raises(InvalidInputError, match=r"^model\.kind"):
+        _model().check(params, "policy", transfer=True)
 
 
 @pytest.mark.parametrize("place", [0, 3, 8, 60, -400, -1])
@@ -130,16 +183,22 @@ def test_altered_byte__is_noticed(path: Path, place: int) -> None:
     data = bytearray(path.read_bytes())
     data[place] ^= 1
     path.write_bytes(data)
-    assert "sha256 differs" in _refusal(path)
+    _refusal(path)
+
+
+def test_altered_number__is_noticed(path: Path) -> None:
+    data = path.read_bytes()
+    for place in (len(data) - 1, len(data) - 400, data.index(b"generation") + 14):
+        altered = bytearray(data)
+        altered[place] ^= 1
+        path.write_bytes(altered)
+        assert "sha256 differs" in _refusal(path)
 
 
 @pytest.mark.parametrize("length", [0, 1, 7, 8, 100, 2000, -4, -1])
-def test_truncated_file__is_refused_signed_or_not(path: Path, length: int) -> None:
-    data = path.read_bytes()[:length]
-    path.write_bytes(data)
-    assert "sha256 differs" in _refusal(path)
-    _put(path, data)
-    assert "a safetensors file" in _refusal(path)
+def test_truncated_file__is_refused(path: Path, length: int) -> None:
+    path.write_bytes(path.read_bytes()[:length])
+    _refusal(path)
 
 
 def test_missing_file__is_named(path: Path) -> None:
@@ -150,10 +209,13 @@ def test_missing_file__is_named(path: Path) -> None:
 
 
 def test_missing_manifest__is_named(path: Path) -> None:
-    path.with_suffix(".json").unlink()
-    message = _refusal(path)
-    assert "value.json" in message
-    assert "the model's manifest (No such file" in message
+    path.write_bytes(save({"weight.0": np.zeros((99, 1), np.float32)}))
+    assert "a model with a manifest in its header" in _refusal(path)
+
+
+def test_file__that_is_too_large_is_not_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_file, "LARGEST_FILE", 100)
+    assert "a file of at most 100 bytes" in _refusal(path)
 
 
 @pytest.mark.parametrize("name", [".", "/", "..", "nothing"])
@@ -178,58 +240,61 @@ class _Bomb:
 def test_pickle__is_never_loaded(path: Path, tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     data = pickle.dumps(_Bomb(trace))
-    path.write_bytes(data)
-    _refusal(path)
-    _put(path, data)
-    assert "a safetensors file" in _refusal(path)
-    path.with_suffix(".json").write_bytes(data)
-    assert "a manifest in JSON" in _refusal(path)
+    for content in (
+        data,
+        _crafted({"__metadata__": {"manifest": repr(data)}}, b""),
+        data[:8] + data,
+    ):
+        path.write_bytes(content)
+        _refusal(path)
     assert not trace.exists()
     pickle.loads(data)
     assert trace.exists()  # it would have gone off
 
 
 MANIFESTS = {
-    "nothing": (b"", "in JSON"),
-    "text": (b"schema: 1\n", "in JSON"),
-    "torn": (b'{"schema": 1, "kind": "va', "in JSON"),
-    "no text": (b"\xff\xfe\x00{}", "in JSON"),
-    "endless number": (b"1" * 10_000, "in JSON"),
-    "deep lists": (b"[" * 100_000, "in JSON"),
-    "deep objects": (b'{"a":' * 100_000, "in JSON"),
-    "list": (b"[1]", "of schema 1"),
-    "null": (b"null", "of schema 1"),
-    "empty": (b"{}", "of schema 1"),
+    "nothing": ("", "in its header"),
+    "text": ("schema: 1\n", "in its header"),
+    "torn": ('{"schema": 2, "kind": "va', "in its header"),
+    "endless number": ("1" * 10_000, "in its header"),
+    "deep lists": ("[" * 100_000, "in its header"),
+    "deep objects": ('{"a":' * 100_000, "in its header"),
+    "list": ("[1]", "of schema 2"),
+    "null": ("null", "of schema 2"),
+    "empty": ("{}", "of schema 2"),
 }
 
 
 @pytest.mark.parametrize("case", MANIFESTS)
 def test_manifest__that_is_none_is_refused(path: Path, case: str) -> None:
     content, named = MANIFESTS[case]
-    path.with_suffix(".json").write_bytes(content)
+    _put(path, content, path.read_bytes())
     assert named in _refusal(path)
 
 
+WANTED = "a manifest with params, made, network, sha256"
 FIELDS: list[tuple[str, Any, str]] = [
-    ("schema", ..., "of schema 1"),
-    ("schema", 2, "of schema 1"),
-    ("schema", "1", "of schema 1"),
+    ("schema", ..., "of schema 2"),
+    ("schema", 1, "of schema 2"),
+    ("schema", "2", "of schema 2"),
     ("kind", ..., "kind value or quick-value or policy"),
     ("kind", "critic", "kind value or quick-value or policy"),
     ("kind", ["value"], "kind value or quick-value or policy"),
     ("kind", "policy", "a network from 99 to 99 values"),
-    ("n_joints", ..., "n_joints from 5 to 16"),
-    ("n_joints", 4, "n_joints from 5 to 16"),
-    ("n_joints", 10**9, "n_joints from 5 to 16"),
-    ("n_joints", 8.0, "n_joints from 5 to 16"),
-    ("n_joints", True, "n_joints from 5 to 16"),
-    ("n_joints", 9, "the rows of this version's observation"),
+    ("params", ..., WANTED),
+    ("params", {}, "the constants of this version's robot"),
+    ("params", {**dataclasses.asdict(PAPER), "x": 1}, "the constants of this version's robot"),
+    ("params", {**dataclasses.asdict(PAPER), "l": -1}, "usable constants (l = -1"),
+    ("params", {**dataclasses.asdict(PAPER), "n_joints": 4}, "usable constants (n_joints = 4"),
+    ("params", {**dataclasses.asdict(PAPER), "n_joints": 8.0}, "usable constants (n_joints = 8.0"),
+    ("params", {**dataclasses.asdict(PAPER), "n_joints": 10**9}, "usable constants (n_joints"),
+    ("params", {**dataclasses.asdict(PAPER), "n_joints": 9}, "the rows of this version"),
     ("observation", ..., "the rows of this version's observation"),
     ("observation", [["phi", 99]], "the rows of this version's observation"),
-    ("network", ..., "a network from 99 to 1 values"),
+    ("network", ..., WANTED),
     ("network", [], "a network from 99 to 1 values"),
     ("network", [99], "a network from 99 to 1 values"),
-    ("network", "99, 1", "a network from 99 to 1 values"),
+    ("network", "99, 1", WANTED),
     ("network", [99, 6.0, 5, 1], "a network from 99 to 1 values"),
     ("network", [99, True, 5, 1], "a network from 99 to 1 values"),
     ("network", [99, 0, 1], "a network from 99 to 1 values"),
@@ -241,13 +306,12 @@ FIELDS: list[tuple[str, Any, str]] = [
     ("network", [99, 6, 5, 1, 1], "tensors"),
     ("network", [99, 10**15, 1], "tensors"),  # would be petabytes
     ("network", [99, *[10**6] * 1000, 1], "tensors"),
-    ("sha256", ..., "the fields sha256 and made"),
-    ("sha256", 7, "the fields sha256 and made"),
-    ("sha256", ["a"], "the fields sha256 and made"),
-    ("sha256", "", "the sha256 differs"),
-    ("sha256", "0" * 64, "the sha256 differs"),
-    ("made", ..., "the fields sha256 and made"),
-    ("made", ["a"], "the fields sha256 and made"),
+    ("sha256", ..., WANTED),
+    ("sha256", 7, WANTED),
+    ("sha256", "", "sha256 differs"),
+    ("sha256", "0" * 64, "sha256 differs"),
+    ("made", ..., WANTED),
+    ("made", ["a"], WANTED),
 ]
 
 
@@ -266,18 +330,18 @@ def _tensors(path: Path, **changes: Any) -> bytes:
     return save({name: tensor for name, tensor in fields.items() if tensor is not ...})
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e38, -3e37])
 @pytest.mark.parametrize("name", ["weight.1", "bias.0"])
 def test_weights__that_are_not_finite_are_refused(path: Path, name: str, value: float) -> None:
     tensor = load(path.read_bytes())[name].copy()
     tensor.flat[-1] = value
-    _put(path, _tensors(path, **{name: tensor}))
+    _retell(path, _tensors(path, **{name: tensor}))
     assert "finite float32 numbers" in _refusal(path)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int32, np.bool_])
 def test_weights__of_another_type_are_refused(path: Path, dtype: Any) -> None:
-    _put(path, _tensors(path, **{"bias.1": np.zeros(5, dtype=dtype)}))
+    _retell(path, _tensors(path, **{"bias.1": np.zeros(5, dtype=dtype)}))
     assert "finite float32 numbers" in _refusal(path)
 
 
@@ -292,13 +356,13 @@ def test_weights__of_another_type_are_refused(path: Path, dtype: Any) -> None:
     ],
 )
 def test_weights__of_other_sizes_are_refused(path: Path, changes: dict[str, Any]) -> None:
-    _put(path, _tensors(path, **changes))
-    assert "the tensors {'weight.0': (99, 6), " in _refusal(path)
+    _retell(path, _tensors(path, **changes))
+    assert "tensors of these shapes: {'weight.0': (99, 6), " in _refusal(path)
 
 
-def _crafted(header: dict[str, Any], size: int) -> bytes:
+def _crafted(header: dict[str, Any], numbers: bytes) -> bytes:
     text = json.dumps(header).encode()
-    return struct.pack("<Q", len(text)) + text + bytes(size)
+    return struct.pack("<Q", len(text)) + text + numbers
 
 
 @pytest.mark.parametrize("dtype", ["BF16", "F8_E5M2"])
@@ -311,16 +375,22 @@ def test_weights__of_a_type_that_numpy_lacks_are_refused(path: Path, dtype: str)
         header[name] = {
             "dtype": dtype, "shape": tensor.shape, "data_offsets": [begin, end],
         }  # fmt: skip
-    _put(path, _crafted(header, end))
+    _retell(path, _crafted(header, bytes(end)))
     assert "safetensors file" in _refusal(path)
 
 
 def test_header__that_lies_about_sizes_is_refused(path: Path) -> None:
     lies = [
-        _crafted({"x": {"dtype": "F32", "shape": [2**62, 2**62], "data_offsets": [0, 4]}}, 4),
-        _crafted({"x": {"dtype": "F32", "shape": [10**12], "data_offsets": [0, 4 * 10**12]}}, 4),
-        struct.pack("<Q", 2**63) + bytes(100),
+        _crafted(
+            {"x": {"dtype": "F32", "shape": [2**62, 2**62], "data_offsets": [0, 4]}}, bytes(4)
+        ),
+        _crafted(
+            {"x": {"dtype": "F32", "shape": [10**12], "data_offsets": [0, 4 * 10**12]}}, bytes(4)
+        ),
     ]
     for data in lies:
-        _put(path, data)
+        _retell(path, data)
         assert "a safetensors file" in _refusal(path)
+        write_model(path, _model())
+    path.write_bytes(struct.pack("<Q", 2**63) + bytes(100))
+    assert "a model with a manifest in its header" in _refusal(path)

@@ -255,7 +255,10 @@ def test_option_string__is_read(
     ("text", "message"),
     [
         ("lookahead:widht=4", r"^unknown option of lookahead 'widht': did you mean 'width'\?"),
-        ("lookahead:", r"^unknown option of lookahead '': known: deadline_ms, depth, width$"),
+        (
+            "lookahead:",
+            r"^unknown option of lookahead '': known: deadline_ms, depth, transfer, width$",
+        ),
         ("lookahead:width=4,", r"^unknown option of lookahead ''"),
         ("lookahead:params=4", r"^unknown option of lookahead 'params'"),
         ("lookahead:value=4", r"^unknown option of lookahead 'value'"),
@@ -289,7 +292,7 @@ def test_option_string__with_a_bad_value_is_refused(options: str, message: str) 
         load_policy(f"lookahead:{options}")
 
 
-@pytest.mark.parametrize("params", [PAPER, FIVE, NARROW, HARDWARE])
+@pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
 def test_value__takes_the_mode_whose_successor_is_worth_most(params: SnakeParams) -> None:
     chosen = set()
     value: ValueFunction = PhaseValue(params)
@@ -350,7 +353,7 @@ def test_value__does_not_stand_still_where_it_can_move() -> None:
     network = Network(
         [first, np.ones((2, 1), np.float32)], [np.zeros(2, np.float32), np.zeros(1, np.float32)]
     )
-    policy = ValuePolicy(PAPER, NetworkValue(Model("value", 8, network), PAPER))
+    policy = ValuePolicy(PAPER, NetworkValue(Model("value", PAPER, network), PAPER))
     avoided = 0
     for seed in range(60):
         state = random_state(seed, PAPER, 1)

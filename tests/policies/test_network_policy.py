@@ -16,6 +16,7 @@ from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks
 from tests.support.models import model_of
+from tests.support.robots import straight_state
 
 PARAMS = SnakeParams()
 SUITE = load_tasks("random:40:9", PARAMS)
@@ -25,7 +26,7 @@ def preferring(order: list[int]) -> Model:
     """A network that prefers modes in this order, whatever it sees."""
     bias = np.zeros(99, dtype=np.float32)
     bias[order] = np.arange(len(order), 0, -1)
-    return Model("policy", 8, Network([np.zeros((99, 99), dtype=np.float32)], [bias]))
+    return Model("policy", PARAMS, Network([np.zeros((99, 99), dtype=np.float32)], [bias]))
 
 
 def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
@@ -74,9 +75,60 @@ def test_standing_still__no_choice_is_repeated_until_all_have_been_tried() -> No
     state = SUITE.initial(0, PARAMS)
     policy = NetworkPolicy(PARAMS, model_of())
     count = int(instant_mask(state, PARAMS).sum())
-    chosen = [policy.select_mode(state) for _ in range(count)]
+    chosen = []
+    for _ in range(count):
+        chosen.append(policy.select_mode(state))
+        assert policy.select_mode(state) == chosen[-1]  # asked again: nothing has happened since
+        state = _executed(state, chosen[-1])
     assert sorted(chosen) == sorted(set(chosen))
-    assert policy.select_mode(state) == chosen[0]  # all have been tried: the favourite again
+    fresh = NetworkPolicy(PARAMS, model_of())
+    assert policy.select_mode(state) == fresh.select_mode(
+        state
+    )  # all have been tried: all are open
+
+
+@pytest.mark.parametrize("other", [3, 10, 98])
+def test_standing_still__what_was_executed_counts_not_what_was_chosen(other: int) -> None:
+    state = straight_state()
+    favourites = [1, 2, other, 5]
+    policy = NetworkPolicy(PARAMS, preferring(favourites))
+    chosen = []
+    for executed in (other, 2, 2):
+        chosen.append(policy.select_mode(state))
+        state = _executed(state, executed)
+    assert chosen == [1, 1, 1]
+    assert policy.ranking(_executed(state, 1))[0] == 5
+
+
+def test_standing_still__the_shield_does_not_repeat_what_it_executed() -> None:
+    for task in range(40):
+        state = SUITE.initial(task, PARAMS)
+        stable = np.flatnonzero(instant_mask(state, PARAMS))
+        feasible = predict(state, stable, PARAMS).feasible
+        if feasible.all() or feasible.sum() < 3:
+            continue
+        bad, good = stable[~feasible][:1], stable[feasible][:3]
+        network = NetworkPolicy(PARAMS, preferring([*bad.tolist(), *good.tolist()]))
+        policy = ShieldedPolicy(network, PARAMS)
+        executed = []
+        for _ in range(3):
+            executed.append(policy.select_mode(state))
+            state = _executed(state, executed[-1])
+        assert executed == good.tolist()
+        return
+    pytest.fail("no task has a stable mode that turns out infeasible")
+
+
+def test_first_decision__takes_no_mode_for_tried() -> None:
+    states = (SUITE.initial(task, PARAMS) for task in range(len(SUITE)))
+    state = next(state for state in states if instant_mask(state, PARAMS)[98])  # -1 means it too
+    policy = NetworkPolicy(PARAMS, preferring([98]))
+    assert [policy.select_mode(state.replace(elapsed=k)) for k in (0.0, 3.0)] == [98, 98]
+
+
+def _executed(state: SnakeState, mode: int) -> SnakeState:
+    """The robot after a mode that did not move it."""
+    return state.replace(last_mode=mode, last_turn=0.0, elapsed=state.elapsed + 3.0)
 
 
 def test_moving_on__makes_all_choices_open_again() -> None:
@@ -92,7 +144,9 @@ def test_moving_on__makes_all_choices_open_again() -> None:
 
 
 def test_model__of_other_robots_or_another_kind_is_refused() -> None:
-    with pytest.raises(InvalidInputError, match="n_joints = 8: expected 6"):
+    with pytest.raises(
+        InvalidInputError, match="n_joints = 8: expected 6, as the model was trained for"
+    ):
         NetworkPolicy(PARAMS, model_of(n_joints=6))
     with pytest.raises(InvalidInputError, match=r"model\.kind"):
         NetworkPolicy(PARAMS, model_of(kind="value"))
@@ -175,7 +229,7 @@ def test_load_policy__runs_model_files_raw_and_shielded(tmp_path: Path) -> None:
 def test_load_policy__says_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'analytic'"):
         load_policy("analytik+shield")
-    with pytest.raises(InvalidInputError, match="manifest"):
+    with pytest.raises(InvalidInputError, match="No such file"):
         load_policy(tmp_path / "missing.safetensors")
-    with pytest.raises(InvalidInputError, match="ships for these robots"):
+    with pytest.raises(InvalidInputError, match="n_joints = 5: expected 8, for which ppo ships"):
         load_policy("ppo", PARAMS.replace(n_joints=5))

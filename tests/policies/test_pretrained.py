@@ -24,7 +24,7 @@ def test_models__ship_for_both_robots() -> None:
         assert {name, f"{name}-narrow"} <= set(MODELS)
     assert "dqn" in MODELS
     assert {path.name for path in FOLDER.iterdir()} == {
-        f"{name}.{suffix}" for name in MODELS for suffix in ("safetensors", "json", "md")
+        f"{name}.{suffix}" for name in MODELS for suffix in ("safetensors", "md")
     }
 
 
@@ -35,9 +35,8 @@ def test_model__tells_how_it_was_made(name: str) -> None:
     assert card.startswith(f"# {name}\n")
     assert f"`{model.made['command']}`" in card
     assert f"| seed | {model.made['config']['seed']} |" in card
-    assert model.network.sizes[0] == observation_size(model.n_joints)
-    manifest = json.loads((FOLDER / f"{name}.json").read_text())
-    assert manifest["made"]["versions"]["torch"]
+    assert model.network.sizes[0] == observation_size(model.params.n_joints)
+    assert model.made["versions"]["torch"]
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -38,7 +38,7 @@ def test_network_value__is_the_networks_mean_of_both_images_or_0_at_the_target()
     states = [random_state(seed) for seed in range(5)]
     batch = StateBatch.stack([*states, states[0].replace(phase=9)])
     network = _network(1)
-    values = NetworkValue(Model("value", 8, network), PAPER)(batch)
+    values = NetworkValue(Model("value", PAPER, network), PAPER)(batch)
     assert values.dtype == np.float64
     order, sign = mirror(8)
     seen = observe(batch, PAPER)
@@ -53,7 +53,7 @@ def test_network_value__that_is_quick_is_of_one_image() -> None:
     states = [random_state(seed) for seed in range(6)]
     batch = StateBatch.stack([*states, states[0].replace(phase=9)])
     network = _network(1)
-    values = NetworkValue(Model("quick-value", 8, network), PAPER)(batch)
+    values = NetworkValue(Model("quick-value", PAPER, network), PAPER)(batch)
     order, sign = mirror(8)
     seen = observe(batch, PAPER)
     right = batch.target[:, -1] < 0.0
@@ -64,16 +64,16 @@ def test_network_value__that_is_quick_is_of_one_image() -> None:
 
 
 def test_network_value__of_no_states_is_empty() -> None:
-    values = NetworkValue(Model("value", 8, _network(1)), PAPER)
+    values = NetworkValue(Model("value", PAPER, _network(1)), PAPER)
     assert values(StateBatch.stack([random_state(0)]).take([])).shape == (0,)
 
 
 def test_network_value__refuses_policies_and_other_robots() -> None:
-    policy = Model("policy", 8, _network(len(mode_table(8))))
+    policy = Model("policy", PAPER, _network(len(mode_table(8))))
     with pytest.raises(InvalidInputError, match=r"^model\.kind = 'policy': expected value$"):
         NetworkValue(policy, PAPER)
     with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5"):
-        NetworkValue(Model("value", 5, _network(1, 5)), PAPER)
+        NetworkValue(Model("value", SnakeParams(n_joints=5), _network(1, 5)), PAPER)
 
 
 @pytest.mark.parametrize(

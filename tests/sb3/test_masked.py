@@ -16,6 +16,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, write_model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, joints_observed
+from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
 from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.sim.observation import observation_size
@@ -222,7 +223,7 @@ def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
     given = _network(seed=4)
     algorithm.initialise(model, given, algorithm.Settings())
     file = tmp_path / "policy.safetensors"
-    write_model(file, Model("policy", 8, algorithm.network(model), {}))
+    write_model(file, Model("policy", SnakeParams(), algorithm.network(model), {}))
     observation = env.reset()
     for _ in range(20):
         chosen, _ = model.predict(observation, deterministic=True)

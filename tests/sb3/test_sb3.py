@@ -1,13 +1,20 @@
 """The adapter for Stable-Baselines3."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
+import torch
+from gymnasium.error import ResetNeeded
 from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize, VecVideoRecorder
 
 from snake_env import InvalidInputError
 from snake_env.envs import SnakeModeSelectionEnv
-from snake_env.sb3 import SnakeVecEnv
+from snake_env.sb3 import MaskedActorCriticPolicy, MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
+from snake_env.sb3.masked import checked_mask
 
 
 def masked(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -56,7 +63,8 @@ def test_masks__are_found_the_way_sb3_contrib_looks_for_them() -> None:
     assert np.array_equal(np.stack(venv.env_method("action_masks")), venv.action_masks())
     assert len(venv.env_method("action_masks", indices=[1, 2])) == 2
     assert venv.env_is_wrapped(Monitor) == [True] * 4
-    assert venv.has_attr("core")
+    assert venv.has_attr("params")
+    assert not venv.has_attr("parms")
 
 
 def test_mask_in_observation__is_the_mask() -> None:
@@ -89,3 +97,66 @@ def test_ppo__trains(dictionary: bool) -> None:
 def test_set_attr__for_some_robots_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="share one env"):
         SnakeVecEnv(2).set_attr("x", 1, indices=[0])
+
+
+@pytest.mark.parametrize("algorithm", [PPO, MaskedDQN])
+def test_normalised_mask__is_an_error_that_names_the_remedy(algorithm: Any) -> None:
+    policy = MaskedActorCriticPolicy if algorithm is PPO else MaskedDQNPolicy
+    small = {"n_steps": 8} if algorithm is PPO else {"learning_starts": 4}
+    env = VecNormalize(SnakeVecEnv(4, mask_in_observation=True))
+    with pytest.raises(
+        InvalidInputError, match=r'^action_mask = .*norm_obs_keys=\["observation"\]'
+    ):
+        algorithm(policy, env, **small).learn(64)
+    good = VecNormalize(
+        SnakeVecEnv(4, mask_in_observation=True), norm_obs_keys=["observation"], norm_reward=False
+    )
+    algorithm(policy, good, **small).learn(32)
+
+
+@pytest.mark.parametrize("wrong", [0.3, 2.0, -1.0, float("nan")])
+def test_mask__of_anything_but_0_and_1_is_refused(wrong: float) -> None:
+    mask = torch.ones(3, 99)
+    assert checked_mask(mask) is mask
+    mask[1, 5] = wrong
+    with pytest.raises(InvalidInputError, match=r"^action_mask = "):
+        checked_mask(mask)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: VecFrameStack(SnakeVecEnv(2, mask_in_observation=True), 2),
+            "without VecFrameStack",
+        ),
+        (
+            lambda: VecFrameStack(SnakeVecEnv(2, mask_in_observation=True), 4),
+            "without VecFrameStack",
+        ),
+        (lambda: SnakeVecEnv(2), "mask_in_observation=True"),
+    ],
+)
+@pytest.mark.parametrize("algorithm", [PPO, MaskedDQN])
+def test_observations_that_the_policies_do_not_know__are_named(
+    algorithm: Any, make: Any, message: str
+) -> None:
+    policy = MaskedActorCriticPolicy if algorithm is PPO else MaskedDQNPolicy
+    with pytest.raises(InvalidInputError, match=f"^observation_space = .*{message}"):
+        algorithm(policy, make())
+
+
+def test_video__shows_every_robot(tmp_path: Path) -> None:
+    env = SnakeVecEnv(3, render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.render()
+    recorder = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=4)
+    recorder.reset()
+    for _ in range(5):
+        recorder.step(env.action_masks().argmax(axis=1))
+    recorder.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
+    images = env.get_images()
+    assert [image.shape for image in images] == [(480, 640, 3)] * 3
+    assert len({image.tobytes() for image in images}) == 3
+    assert SnakeVecEnv(2).get_images() == [None, None]

@@ -7,6 +7,7 @@ import numpy as np
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
+from snake_env.params import SnakeParams
 from snake_env.policies.value import pretrained
 from snake_env.sim.observation import observation_size
 
@@ -20,12 +21,12 @@ def model_of(seed: int = 0, n_joints: int = 8, kind: str = "policy") -> Model:
         [rng.normal(size=s).astype(np.float32) for s in itertools.pairwise(sizes)],
         [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
     )
-    return Model(kind, n_joints, network)
+    return Model(kind, SnakeParams(n_joints=n_joints), network)
 
 
 def unsure() -> Network:
     """A policy that ships, with noise in its weights: it loses many tasks, but not all."""
-    model = pretrained("imitate", 8, True)
+    model = pretrained(SnakeParams(), "imitate")
     assert model is not None
     first, *others = model.network.weights
     noise = np.random.default_rng(0).normal(scale=0.3, size=first.shape)

@@ -112,7 +112,7 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
         [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
     )
     given, out = tmp_path / "given.safetensors", tmp_path / "run"
-    write_model(given, Model("policy", 8, network))
+    write_model(given, Model("policy", SnakeParams(), network))
     words = arguments("ppo", out, f"--init {given} --critic-first 100000")
     assert main(words) == 0
     assert same(read_model(out / "last.safetensors").network, network)

@@ -220,7 +220,7 @@ def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
 def harvest(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
     """The command, but for its folder."""
     policy = tmp_path_factory.mktemp("policy") / "unsure.safetensors"
-    write_model(policy, Model("policy", 8, unsure()))
+    write_model(policy, Model("policy", PAPER, unsure()))
     return (*HARVEST, policy, "--out")
 
 
@@ -519,7 +519,7 @@ def test_value__is_distilled_into_a_smaller_network(
         [np.full(shape[1], 1.0, np.float32) for shape in shapes],
     )
     given = tmp_path / "given.safetensors"
-    write_model(given, Model("value", 5, teacher))
+    write_model(given, Model("value", FIVE, teacher))
     words = ("--distil", "--init", given, "--epochs", 100, "--hidden", 12)
     more = ("--generations", 1, "--episodes", 320, "--learning-rate", 0.01)
     _good(*VALUE, tmp_path / "small", *words, *more)
