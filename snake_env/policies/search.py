@@ -12,7 +12,7 @@ from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.value import ValueFunction
 from snake_env.sim.optimizer import AnalyticOptimizer
-from snake_env.sim.simulation import advance, predict_batch, successors
+from snake_env.sim.simulation import predict_batch, successors
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 SAME_SHAPE = 1e-3
@@ -184,8 +184,9 @@ def analytic_plan(
             return None
         states.append(state)
         modes.append(selection.mode)
-        state, prediction = advance(state, selection.mode, params)
-        cost += float(prediction.cost[0])
+        chosen = selection.prediction.take(np.flatnonzero(selection.modes == selection.mode))
+        state = successors(StateBatch.stack([state]), [selection.mode], chosen, params)[0]
+        cost += float(chosen.cost[0])
     return Plan(modes, states, cost)
 
 

@@ -70,6 +70,11 @@ class Prediction:
     def __len__(self) -> int:
         return len(self.j)
 
+    def take(self, indices: IntArray) -> Prediction:
+        """The lanes at the given positions."""
+        fields = dataclasses.fields(self)
+        return Prediction(**{field.name: getattr(self, field.name)[indices] for field in fields})
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
