@@ -32,7 +32,7 @@ class Options:
     """Candidates to keep in each phase."""
     workers: int = -1
     """Processes; -1: one per core."""
-    out: Path = Path("snake_env/data/analytic_14.json")
+    out: Path = Path("snake_env/policies/analytic_14.json")
     """File to write."""
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
@@ -26,6 +24,7 @@ from evaluate.store import Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish, write_videos
+from snake_env import interrupts
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import TaskSuite, load_tasks
@@ -74,7 +73,6 @@ def evaluate(options: Options) -> int:
     store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
     warm_up(params)  # compiled once, before there are workers
     console = make_console()
-    _take_signals(signal.default_int_handler)
     began, before = time.monotonic(), store.done
     rows: dict[str, Any] = {}
     latencies: dict[str, list[float]] = {}
@@ -115,13 +113,6 @@ def evaluate(options: Options) -> int:
     return 0
 
 
-def _take_signals(handler: Any) -> None:
-    """What SIGINT and SIGTERM do: only the main thread may say."""
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, handler)
-
-
 def _shards(
     store: Store, suite: TaskSuite, params: SnakeParams, options: Options
 ) -> Iterator[Shard]:
@@ -159,7 +150,7 @@ def _stop(
     options: Options,
 ) -> int:
     """Ends a run before it is complete: writes what there is, and says so."""
-    _take_signals(signal.SIG_IGN)  # a worker's may have come before our own
+    interrupts.settle()
     rows = {name: store.rows(name) for name in options.names}
     with suppress(OSError):  # on a full disk finished shards have to do
         summary = build_summary(config, rows, {}, params, options.command, complete=False)
@@ -179,4 +170,4 @@ def _print_errors(console: Console, name: str, rows: Any) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

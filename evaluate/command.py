@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from rich.console import Console
 
+from snake_env import interrupts
 from snake_env.errors import SnakeEnvError
 
 CLOSED_PIPE = 141  # what a shell reports of a program that SIGPIPE ended
@@ -25,13 +26,26 @@ def console() -> Console:
     return _Console(width=None if sys.stdout.isatty() else 100, highlight=False, emoji=False)
 
 
-def exit_code(command: Callable[[], int]) -> int:
+def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> int:
     """Runs a command; what goes wrong becomes one line and an exit code.
+
+    Args:
+        command: Its result is its exit code.
+        interrupted: What is printed when Ctrl-C or SIGTERM ends it.
 
     Returns:
         The command's own exit code; 2: it was given something that it can't use; 1: the system refused
         something; 130: interrupted; 141: whoever read the output has gone.
     """
+
+    def told() -> int:
+        print(interrupted, file=sys.stderr)
+        return interrupts.INTERRUPTED
+
+    return interrupts.guarded(lambda: _without_traceback(command), told)
+
+
+def _without_traceback(command: Callable[[], int]) -> int:
     try:
         code = command()
         sys.stdout.flush()
@@ -39,9 +53,6 @@ def exit_code(command: Callable[[], int]) -> int:
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
     except BrokenPipeError:
         _forget_stdout()
         return CLOSED_PIPE

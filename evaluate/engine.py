@@ -21,6 +21,7 @@ import tyro
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
+from snake_env import interrupts
 from snake_env.errors import (
     InvalidInputError,
     MissingDependencyError,
@@ -138,7 +139,9 @@ class Engine:
             )
             calls = (joblib.delayed(_call)(work, *numbered) for numbered in queue.take())
             try:
-                with _closing(parallel(calls)) as results:
+                with interrupts.children_ignore():
+                    begun_calls = parallel(calls)
+                with _closing(begun_calls) as results:
                     for number, result in results:
                         queue.finish(number)
                         yield result

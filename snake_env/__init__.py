@@ -5,6 +5,11 @@ The physics: :class:`SnakeParams`, :class:`SnakeState`, :class:`ModeTable`, :fun
 ``gymnasium.make("snake_env:SnakeModeSelection-v0")``. Anything that chooses modes: :func:`load_policy`.
 """
 
+# ruff: noqa: E402  # interrupts are taken before anything else is imported
+from snake_env import interrupts
+
+interrupts.start()
+
 import gymnasium
 
 from snake_env.errors import (

@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
-from snake_env import __version__
+from snake_env import __version__, interrupts
 from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.kernel.compiler import cache_folder
@@ -41,6 +41,15 @@ _HELP = """\
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; its exit code."""
+    return interrupts.guarded(lambda: _command(arguments), _interrupted)
+
+
+def _interrupted() -> int:
+    print()
+    return interrupts.INTERRUPTED
+
+
+def _command(arguments: list[str] | None) -> int:
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
@@ -48,9 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except (KeyboardInterrupt, EOFError):
-        print()
-        return 130
+    except EOFError:
+        return _interrupted()
     except BrokenPipeError:  # whoever read our output has seen enough
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
         return 0
@@ -231,4 +239,4 @@ def _lifts(mode: int, table: ModeTable) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

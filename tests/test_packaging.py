@@ -66,7 +66,7 @@ def test_wheel__has_the_whole_package(wheel: zipfile.ZipFile) -> None:
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert set(_names(wheel)) == expected
-    assert {"snake_env/data/analytic_14.json", "snake_env/py.typed"} <= expected
+    assert {"snake_env/policies/analytic_14.json", "snake_env/py.typed"} <= expected
 
 
 def test_wheel__names_its_licence_and_needs_nothing_heavy(wheel: zipfile.ZipFile) -> None:

@@ -1,1 +1,3 @@
-"""Training: the command ``python -m train`` is not written yet; ``snake_env.sb3`` trains with SB3."""
+"""``python -m train``: trains agents and keeps their runs."""
+
+import snake_env  # noqa: F401  # takes interrupts before anything else is imported

@@ -9,6 +9,7 @@ from typing import Any
 from evaluate.command import console as make_console
 from evaluate.command import exit_code
 from evaluate.engine import WorkerLostError
+from snake_env import interrupts
 from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
 from train.run import Run, begin
@@ -28,7 +29,7 @@ COMMANDS = {
 def main(args: list[str] | None = None) -> int:
     """Runs the command; its exit code."""
     words = sys.argv[1:] if args is None else args
-    return exit_code(lambda: _command(words))
+    return exit_code(lambda: _command(words), "interrupted: what is finished is kept")
 
 
 def _command(words: list[str]) -> int:
@@ -52,9 +53,6 @@ def _command(words: list[str]) -> int:
     except WorkerLostError as error:
         print(f"error: {error}; --resume goes on with what is finished", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("interrupted: what is finished is kept", file=sys.stderr)
-        return 130
     return 0
 
 
@@ -66,4 +64,4 @@ def _help() -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

@@ -159,7 +159,7 @@ class RandomPolicy:
 @functools.lru_cache(maxsize=1)
 def _reduced_candidates() -> NDArray[np.bool_]:
     """The candidates of ``analytic-14`` for 8 joints, shape (8, 99)."""
-    resource = importlib.resources.files("snake_env") / "data" / "analytic_14.json"
+    resource = importlib.resources.files("snake_env") / "policies" / "analytic_14.json"
     modes = json.loads(resource.read_text(encoding="utf-8"))["modes"]
     candidates = np.zeros((8, len(mode_table(8))), dtype=np.bool_)
     for phase, indices in modes.items():

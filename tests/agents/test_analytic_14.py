@@ -15,7 +15,7 @@ from snake_env.sim.tasks import random_suite
 from tests.support import ROOT
 from tests.support.robots import PAPER, run_episode, sim_1_episode, straight_state
 
-COMMITTED = ROOT / "snake_env" / "data" / "analytic_14.json"
+COMMITTED = ROOT / "snake_env" / "policies" / "analytic_14.json"
 
 
 def _run(out: Path, tasks: str, size: int) -> dict[str, object]:

@@ -151,6 +151,9 @@ def test_solve__tries_noise_and_another_value_where_there_is_no_plan(
     class Learned(module.PhaseValue):
         """Stands for a trained network."""
 
+        def __init__(self, params: SnakeParams, transfer: bool) -> None:
+            super().__init__(params)
+
     monkeypatch.setattr(module, "analytic_plan", lambda *_: None)
     monkeypatch.setattr(module, "dead_end", lambda *_: None)
     monkeypatch.setattr(module, "beam_search", nothing)

@@ -33,7 +33,7 @@ NARROW = SnakeParams.preset("narrow")
 
 @functools.cache
 def _candidates() -> dict[int, list[int]]:
-    text = (importlib.resources.files("snake_env") / "data" / "analytic_14.json").read_text()
+    text = (importlib.resources.files("snake_env") / "policies" / "analytic_14.json").read_text()
     return {int(phase): modes for phase, modes in json.loads(text)["modes"].items()}
 
 
