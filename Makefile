@@ -3,16 +3,31 @@
 PYTHON ?= python3.11
 DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 value ppo ppo+shield random skid --tasks paper-500 --out report --overwrite
 
-LOCK := requirements/lock.txt
+# Every file that is installed is known by its hash. A lock holds one extra of pyproject.toml with all
+# that it needs. PyTorch comes in two builds, for CPUs and for CUDA, so it has locks of its own.
+LOCKS := requirements/evaluate.txt requirements/dev.txt
+TORCH := requirements/torch.txt
 RUN := .venv/bin/python
-INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check -c $(LOCK)
+PIP := pip install --quiet --disable-pip-version-check --no-deps
+HASHED := $(PIP) --require-hashes -r
+EDITABLE := $(PIP) --no-build-isolation -e .
+NEEDS_CUDA := -c "import importlib.metadata as m, sys; sys.exit(not any('cuda' in r for r in m.requires('torch')))"
+COMPILE := uv pip compile --quiet --universal --generate-hashes --python-version 3.11.5 \
+	--no-annotate --custom-compile-command "make lock"
+CUDA := torch triton cuda-bindings cuda-pathfinder cuda-toolkit nvidia-cublas nvidia-cuda-cupti \
+	nvidia-cuda-nvrtc nvidia-cuda-runtime nvidia-cudnn-cu13 nvidia-cufft nvidia-cufile nvidia-curand \
+	nvidia-cusolver nvidia-cusparse nvidia-cusparselt-cu13 nvidia-nccl-cu13 nvidia-nvjitlink \
+	nvidia-nvshmem-cu13 nvidia-nvtx
+NOT_TORCH := $(addprefix --no-emit-package ,$(CUDA))
+NOT_OTHERS := $(addprefix --no-emit-package ,torch filelock fsspec jinja2 markupsafe mpmath networkx \
+	numpy setuptools sympy typing-extensions)
 APT := DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq
 INTEROP ?= sb3-contrib torchrl tianshou rllib
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test browser test-interop check bench clean docs
+.PHONY: help setup demo test browser test-interop check bench clean docs lock
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -38,7 +53,7 @@ browser:
 # Each example ends by printing what it learned, and fails where it learned nothing.
 test-interop: ## other people's libraries: each learns in a virtual environment of its own
 	@status=0; for name in $(INTEROP); do \
-		venv=.venv-interop/$$name; log=$$venv.log; pins=requirements/interop-$$name.txt; rm -f $$log; \
+		venv=.venv-interop/$$name; log=$$venv.log; pins=requirements/interop-$$name.in; rm -f $$log; \
 		if $(MAKE) --silent --no-print-directory $$venv/.made && \
 			RAY_USAGE_STATS_ENABLED=0 $$venv/bin/python \
 				examples/$$(echo $$name | tr - _)_*.py >$$log 2>&1; \
@@ -63,6 +78,14 @@ docs: .venv/.dev ## the documentation, in build/site/
 	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet
 	@echo "documentation: build/site/index.html"
 
+lock: ## renew the locks from pyproject.toml; needs uv, see https://docs.astral.sh/uv
+	@for extra in evaluate dev; do \
+		$(COMPILE) $(NOT_TORCH) --extra $$extra --group build pyproject.toml -o requirements/$$extra.txt; done
+	@for name in $(INTEROP); do \
+		$(COMPILE) $(NOT_TORCH) --group build pyproject.toml requirements/interop-$$name.in \
+			-o requirements/interop-$$name.txt; done
+	@$(COMPILE) $(NOT_OTHERS) $(TORCH) -o requirements/torch-cuda.txt
+
 clean: ## remove .venv, caches and builds; keep report/ and runs/
 	@rm -rf .venv .venv-interop .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage build dist *.egg-info
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -75,19 +98,24 @@ clean: ## remove .venv, caches and builds; keep report/ and runs/
 	@"$(PYTHON)" -m venv .venv
 	@touch $@
 
-.venv/.demo: pyproject.toml $(LOCK) | .venv/.made
+.venv/.demo: pyproject.toml requirements/evaluate.txt | .venv/.made
 	@echo "installing what the demo needs into .venv, once (a minute or so) ..."
-	@$(INSTALL) -e ".[evaluate]"
+	@$(RUN) -m $(HASHED) requirements/evaluate.txt
+	@$(RUN) -m $(EDITABLE)
 	@touch $@
 
-.venv/.dev: pyproject.toml $(LOCK) | .venv/.made
+.venv/.dev: pyproject.toml requirements/dev.txt $(TORCH) | .venv/.made
 	@echo "installing everything into .venv, once (PyTorch is large: minutes) ..."
-	@$(INSTALL) -e ".[dev]"
+	@$(RUN) -m $(HASHED) requirements/dev.txt -r $(TORCH)
+	@! $(RUN) $(NEEDS_CUDA) || $(RUN) -m $(HASHED) requirements/torch-cuda.txt
+	@$(RUN) -m $(EDITABLE)
 	@touch .venv/.demo $@
 
-.venv-interop/%/.made: pyproject.toml requirements/interop-%.txt
+.venv-interop/%/.made: pyproject.toml requirements/interop-%.txt $(TORCH)
 	@echo "installing $* into .venv-interop/$*, once (minutes) ..."
 	@"$(PYTHON)" -m venv .venv-interop/$*
-	@.venv-interop/$*/bin/python -m pip install --quiet --disable-pip-version-check \
-		-r requirements/interop-$*.txt -e .
+	@.venv-interop/$*/bin/python -m $(HASHED) requirements/interop-$*.txt -r $(TORCH)
+	@! .venv-interop/$*/bin/python $(NEEDS_CUDA) || \
+		.venv-interop/$*/bin/python -m $(HASHED) requirements/torch-cuda.txt
+	@.venv-interop/$*/bin/python -m $(EDITABLE)
 	@touch $@

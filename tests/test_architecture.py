@@ -128,7 +128,7 @@ def test_imports__are_seen_however_they_are_written(tmp_path: Path) -> None:
         "import torch.nn as nn\n"
         "if True:\n    from evaluate.table import row\n"
         "class A:\n    import agents\n"
-        "def f():\n    from snake_env import tasks\n"
+        "def f():\n    from snake_env.sim import tasks\n"
         "if TYPE_CHECKING:\n    import gymnasium\n"
     )
     seen = {"torch.nn", "evaluate.table.row", "agents"}
