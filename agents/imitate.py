@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import PREFERENCE, batches, build, from_numpy, linear_layers, scaled, to_numpy
 from agents.teacher import Decisions
+from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
@@ -29,8 +30,11 @@ from snake_env.params import SnakeParams
 from snake_env.sb3.symmetric import Symmetric
 from snake_env.sim.observation import observation_size, observe
 
-REWARD = {"time": -0.1, "success": 1.0, "violation": -3.0}
-"""What counts in training: an interval, the target, and a violation, which is worth 40 intervals."""
+REWARD = RewardWeights()
+"""The env's reward, in whose units action values are learned."""
+INFEASIBLE = -3.0
+"""Action value of an infeasible mode: below all others, but not as far as a failure's return of -30,
+which would cost the others their resolution."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,7 @@ def _loss(
     """Expected regret of the preferences, their cross-entropy, and the error of the values."""
     log_policy = torch.log_softmax(values / PREFERENCE, dim=1)
     out = (regret < 0.0) | (regret >= how.violation)
-    gain = (REWARD["time"] * regret / PREFERENCE).masked_fill(out, -1e9)
+    gain = (REWARD.time * regret / PREFERENCE).masked_fill(out, -1e9)
     wanted = torch.softmax(gain, dim=1)
     expected = (log_policy.exp() * regret.clamp(min=0.0)).sum(dim=1).mean()
     cross_entropy = -(wanted * log_policy).sum(dim=1).mean()
@@ -202,5 +206,5 @@ def _loss(
 
 def action_values(costs: torch.Tensor) -> torch.Tensor:
     """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted."""
-    value = REWARD["success"] + REWARD["time"] * costs
-    return torch.where(torch.isinf(costs), REWARD["violation"], value)
+    value = REWARD.success + REWARD.time * costs
+    return torch.where(torch.isinf(costs), INFEASIBLE, value)

@@ -24,7 +24,7 @@ TASK = {
     "task_suite": "sim-1",
     "horizon": 30,
     "on_infeasible": "reject",
-    "reward_weights": {"violation": -0.2},
+    "reward_weights": {"violation": -0.2, "shaping": 1.0},
 }
 
 

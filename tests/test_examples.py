@@ -85,5 +85,5 @@ def test_interop__every_library_has_versions_and_one_example() -> None:
     for library in libraries:
         pattern = library.replace("-", "_") + "_*.py"
         assert len(list((ROOT / "examples").glob(pattern))) == 1
-        pins = (ROOT / f"requirements/interop-{library}.txt").read_text(encoding="utf-8")
+        pins = (ROOT / f"requirements/interop-{library}.in").read_text(encoding="utf-8")
         assert "torch==" in pins

@@ -29,7 +29,6 @@ from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_device, check_positive
-from agents.imitate import REWARD
 from evaluate.journal import write_atomically
 from evaluate.options import Assignments, parse_overrides
 from evaluate.progress import Advance, progress
@@ -42,8 +41,6 @@ from snake_env.sim.tasks import FROZEN, load_tasks
 from train.curves import draw_curves
 from train.run import Robot, Run, RunFolder, command
 from train.validation import Validation, quality
-
-_REWARD = {**REWARD, "phase": 0.0, "cost": 0.0}
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class Loop:
         for name in given:
             if name not in known:
                 raise UnknownNameError("reward term", name, known)
-        return {**_REWARD, **given}
+        return {**dataclasses.asdict(RewardWeights()), **given}
 
 
 def train(

@@ -210,7 +210,7 @@ class EnvCore:
         outcome = self.episodes.outcome[indices]
         truncated = (outcome == "deadlock") | (outcome == "horizon")
         terminated = (outcome != "") & ~truncated
-        terms = reward_terms(before, after, prediction, terminated, options.weights, params)
+        terms = reward_terms(before, after, prediction, outcome, options.weights, params)
         lifted = mode_table(params.n_joints).lifted_wheels(modes, before.phase)
         lifted &= moved.executed[:, None]
         info = self._info(

@@ -86,15 +86,18 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     | Term | Weight | Times |
     |---|---|---|
-    | ``time`` | -0.02 | intervals elapsed |
-    | ``phase`` | 0.1 | phases completed |
+    | ``time`` | -0.1 | intervals elapsed |
     | ``success`` | 1.0 | 1 when the target is reached |
-    | ``violation`` | -1.0 | 1 when the choice was infeasible or not allowed, or links touch |
-    | ``cost`` | -0.002 | the mean of V (19) over the interval, 10 at most |
+    | ``failure`` | -20.0 | 1 when the episode ends otherwise; also pays ``time`` up to the horizon |
+    | ``violation`` | 0.0 | 1 when the choice was infeasible or not allowed (learners without masks) |
+    | ``cost`` | 0.0 | the mean of V (19) over the interval, 10 at most |
     | ``shaping`` | 0.0 | gamma Phi(after) - Phi(before), Phi = minus the phases left |
 
-    The further weight ``gamma`` (0.99) is the agent's discount in ``shaping``, which changes no optimal
-    policy. Lingering is never paid: time only costs, and each phase ends once.
+    A success in k intervals returns 1 - 0.1 k; every failure returns -30, however and whenever it
+    comes. So the mean return ranks policies by success, then by time, and giving up never pays: a
+    violation in the first interval costs what a deadlock costs that lasts to the horizon. The shipped
+    agents are trained with these weights. The further weight ``gamma`` (0.99) is the agent's discount
+    in ``shaping``, which changes no optimal policy.
 
     ## Starting State
     Phase 1, head at ``w_d``, initial and target shape drawn as in section V of the paper: uniform

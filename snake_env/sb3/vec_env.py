@@ -21,7 +21,9 @@ class SnakeVecEnv(VecEnv):
     ``MaskablePPO`` finds the masks by itself; plain SB3 finds them in the observation with
     ``mask_in_observation``. The info of a robot whose episode ended holds ``terminal_observation``,
     ``TimeLimit.truncated``, ``episode`` (return ``r``, length ``l``, as SB3's ``Monitor`` does),
-    ``is_success`` and ``episode_summary``; the others' are empty.
+    ``is_success`` and ``episode_summary``; the others' are empty. ``TimeLimit.truncated`` is always
+    False: the reward of a failure at the horizon is final, so learners must not add what a value
+    function expects beyond it.
 
     Args:
         num_envs: Number of robots.
@@ -87,7 +89,7 @@ class SnakeVecEnv(VecEnv):
                 "terminal_observation": self._observation(
                     last["final_obs"], final["action_mask"][k]
                 ),
-                "TimeLimit.truncated": bool(truncated[k]),
+                "TimeLimit.truncated": False,
                 "episode": {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": 0.0},
                 "is_success": bool(final["is_success"][k]),
                 "episode_summary": {

@@ -142,8 +142,7 @@ def test_episode__of_the_optimiser_ends_in_success() -> None:
     assert info["is_success"]
     summary = info["episode_summary"]
     assert (summary["outcome"], summary["intervals"], summary["time_s"]) == ("success", 12, 36.0)
-    cost = -0.002 * summary["cost_integral"] / 3.0
-    assert total == pytest.approx(1.0 + 8 * 0.1 - 12 * 0.02 + cost, abs=1e-12)
+    assert total == pytest.approx(1.0 - 12 * 0.1, abs=1e-12)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)
 
@@ -158,7 +157,7 @@ def test_invalid_mode__is_a_violation_and_executes_nothing() -> None:
     assert info["violation"] == "invalid_mode"
     assert np.array_equal(env.state.phi, before.phi)
     assert info["elapsed_s"] == before.elapsed
-    assert reward <= -1.0
+    assert reward == pytest.approx(-30.0)  # a violation in the first interval
 
 
 def infeasible_choice(env: SnakeModeSelectionEnv) -> int:
@@ -187,7 +186,7 @@ def test_reject__holds_still_and_time_passes() -> None:
     assert env.state.elapsed == 3.0
     assert env.state.phase_time == 0.0  # the cam curve waits
     assert not info["lifted"].any()
-    assert reward == pytest.approx(-1.02)
+    assert reward == pytest.approx(-0.1)
 
 
 def test_terminate__stops_where_the_violation_occurred() -> None:
@@ -214,8 +213,7 @@ def test_lingering__is_never_paid() -> None:
         _, _, terminated, _, info = env.step(action)
         terms = info["reward_terms"]
         assert terms["time"] < 0
-        assert terms["cost"] <= 0
-        if info["phase"] == 1:
+        if not info["is_success"]:
             assert sum(terms.values()) < 0
         if terminated:
             break

@@ -45,7 +45,7 @@ def test_episodes__are_those_of_single_envs() -> None:
                 assert np.array_equal(observation[k], single)
                 continue
             assert np.array_equal(infos[k]["terminal_observation"], single)
-            assert infos[k]["TimeLimit.truncated"] == truncated
+            assert infos[k]["TimeLimit.truncated"] is False  # a failure's reward is final
             assert infos[k]["is_success"] == info["is_success"]
             assert infos[k]["episode_summary"] == info["episode_summary"]
             assert infos[k]["episode"]["r"] == pytest.approx(returns[k])
