@@ -22,6 +22,7 @@ NOT_TORCH := $(addprefix --no-emit-package ,$(CUDA))
 NOT_OTHERS := $(addprefix --no-emit-package ,torch filelock fsspec jinja2 markupsafe mpmath networkx \
 	numpy setuptools sympy typing-extensions)
 APT := DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq
+BROWSER ?= chromium
 INTEROP ?= sb3-contrib torchrl tianshou rllib
 
 .DEFAULT_GOAL := help
@@ -37,14 +38,15 @@ setup: .venv/.dev ## install everything into .venv (the other targets install wh
 demo: .venv/.demo ## the paper's experiment, 500 tasks: table here, report/report.html to look at
 	@$(RUN) -m evaluate $(DEMO_ARGS)
 
-test: .venv/.dev browser ## every test
-	@$(RUN) -m pytest -q
+test: .venv/.dev browser ## every test; BROWSER=none installs no browser
+	@$(RUN) -m pytest -q --numprocesses auto --dist worksteal
 
-# The tests of the report's page drive a Chromium. Where it can't be had they say that they are skipped.
+# The tests of the report's page drive a Chromium. Where there is none they say that they are skipped.
 browser:
-	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
+	@test "$(BROWSER)" = none || command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
 		if test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
-			echo "installing Chromium for the tests of the report's page, once ..." >&2; \
+			echo "installing Debian's package chromium for the tests of the report's page" \
+				"(make test BROWSER=none does without) ..." >&2; \
 			{ $(APT) update && $(APT) install -y chromium; } 2>/dev/null; \
 		fi >/dev/null; \
 		command -v chromium >/dev/null || \

@@ -16,14 +16,8 @@ from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import INK, geometry
-from snake_env.rendering.rendering import (
-    FRAME_EVERY_S,
-    FRAMES_PER_SECOND,
-    HEIGHT,
-    WIDTH,
-    Painter,
-    Scene,
-)
+from snake_env.rendering.painter import HEIGHT, WIDTH, Painter
+from snake_env.rendering.scenes import FRAME_EVERY_S, FRAMES_PER_SECOND, Scene
 from snake_env.sim.tasks import TaskSuite
 
 if TYPE_CHECKING:

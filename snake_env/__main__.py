@@ -24,7 +24,8 @@ from snake_env.kernel.compiler import cache_folder
 from snake_env.modes import ModeTable, mode_table
 from snake_env.params import PRESETS, SnakeParams
 from snake_env.policies.registry import POLICIES, load_policy
-from snake_env.rendering.rendering import Painter, Scene, motion_scenes, save_gif, still_scene
+from snake_env.rendering.painter import Painter, save_gif
+from snake_env.rendering.scenes import Scene, motion_scenes, still_scene
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
 from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import load_tasks

@@ -103,6 +103,17 @@ class StepResult:
     info: dict[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class EnvState:
+    """What an env's ``get_state`` saves: robot, episode and randomness."""
+
+    states: StateBatch
+    episodes: Episodes
+    no_repeat: NoRepeat | None
+    rng: np.random.Generator
+    running: bool
+
+
 class EnvCore:
     """N robots.
 

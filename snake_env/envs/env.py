@@ -5,39 +5,24 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from snake_env.envs.core import EnvCore, EnvOptions
-from snake_env.envs.no_repeat import NoRepeat
+from snake_env.envs.core import EnvCore, EnvOptions, EnvState
+from snake_env.envs.spaces import action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
-from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.rendering.rendering import FRAMES_PER_SECOND, Viewer
-from snake_env.sim.episode import Episodes
+from snake_env.rendering.scenes import FRAMES_PER_SECOND
+from snake_env.rendering.viewer import Viewer
 from snake_env.sim.masks import MaskLevel
-from snake_env.sim.observation import observation_size
 from snake_env.sim.simulation import check_states
 from snake_env.state import SnakeState, StateBatch
 
 _ONLY = np.array([0])
-
-
-@dataclass(frozen=True, eq=False)
-class EnvState:
-    """What :meth:`SnakeModeSelectionEnv.get_state` saves: robot, episode and randomness."""
-
-    states: StateBatch
-    episodes: Episodes
-    no_repeat: NoRepeat | None
-    rng: np.random.Generator
-    running: bool
 
 
 class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
@@ -299,18 +284,6 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             self._viewer = Viewer(self.params, self.render_mode)
             self._viewer.begin(self.state)
         return self._viewer
-
-
-def action_space(options: EnvOptions) -> spaces.Discrete:
-    """The action space of one env."""
-    return spaces.Discrete(len(mode_table(options.params.n_joints)))
-
-
-def observation_space(options: EnvOptions) -> spaces.Space[NDArray[np.float32]]:
-    """The observation space of one env."""
-    shape = (observation_size(options.params.n_joints),)
-    space: Any = spaces.Box(-1.0, 1.0, shape, np.float32)
-    return cast(spaces.Space[NDArray[np.float32]], space)
 
 
 def _only(info: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,14 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from snake_env.envs.core import EnvCore, EnvOptions
-from snake_env.envs.env import SnakeModeSelectionEnv, action_space, observation_space
+from snake_env.envs.env import SnakeModeSelectionEnv
+from snake_env.envs.per_robot import of_each_robot
+from snake_env.envs.spaces import action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
 from snake_env.params import SnakeParams
-from snake_env.rendering.rendering import Painter, still_scene
+from snake_env.rendering.painter import Painter
+from snake_env.rendering.scenes import still_scene
 from snake_env.sim.masks import MaskLevel
 from snake_env.state import IntArray
 
@@ -196,37 +199,15 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
             for k, painter in enumerate(self._painters)
         )
 
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """A method or an attribute of each robot's env, as ``SyncVectorEnv.call`` gives them.
+    def call(self, name: str) -> tuple[Any, ...]:
+        """A method's result or an attribute of each robot, as ``SyncVectorEnv.call`` gives them.
 
         Raises:
-            AttributeError: There is none of this name, or the robots share it.
+            AttributeError: The robots have none of this name.
         """
-        rows: dict[str, Callable[[], Sequence[Any]]] = {
-            "action_masks": lambda: list(self.action_masks()),
-            "state": lambda: [self.core.states[k] for k in range(self.num_envs)],
-            "np_random": lambda: self._rngs,
-            "np_random_seed": lambda: self._seeds,
-            "render": lambda: self.render() or (None,) * self.num_envs,
-        }
-        same = {
-            "params": self.core.options.params,
-            "action_space": self.single_action_space,
-            "observation_space": self.single_observation_space,
-            "render_mode": self.render_mode,
-            "metadata": SnakeModeSelectionEnv.metadata,
-            "spec": self.spec,
-        }
-        if name in same:
-            return (same[name],) * self.num_envs
-        if name not in rows or args or kwargs:
-            known = ", ".join(sorted((*rows, *same)))
-            raise AttributeError(f"{name!r} is nothing that each robot has: known: {known}")
-        return tuple(rows[name]())
+        return of_each_robot(self, name)
 
-    def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute of each robot's env: :meth:`call` without arguments."""
-        return self.call(name)
+    get_attr = call
 
     @property
     def params(self) -> SnakeParams:

@@ -14,7 +14,8 @@ from evaluate.report.motion import motion_of
 from evaluate.report.replays import collect
 from evaluate.video import check_wish, write_videos
 from snake_env.errors import InvalidInputError
-from snake_env.rendering.rendering import FRAME_EVERY_S, HEIGHT, WIDTH
+from snake_env.rendering.painter import HEIGHT, WIDTH
+from snake_env.rendering.scenes import FRAME_EVERY_S
 from tests.support.evaluations import SUITE, rows_of
 from tests.support.robots import PAPER
 

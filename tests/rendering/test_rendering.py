@@ -9,13 +9,8 @@ from PIL import Image, ImageColor
 
 from snake_env.envs import SnakeModeSelectionEnv
 from snake_env.rendering.drawing import GRAVITY, GROUNDED, INK, LIFTED
-from snake_env.rendering.rendering import (
-    FRAME_EVERY_S,
-    Painter,
-    motion_scenes,
-    save_gif,
-    still_scene,
-)
+from snake_env.rendering.painter import Painter, save_gif
+from snake_env.rendering.scenes import FRAME_EVERY_S, motion_scenes, still_scene
 from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState
 from tests.support.robots import PAPER
@@ -68,7 +63,7 @@ def test_render_array__is_the_last_frame() -> None:
 
 def test_render_human__draws_in_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(os.environ, "SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("snake_env.rendering.rendering.FRAMES_PER_SECOND", 1000)
+    monkeypatch.setattr("snake_env.rendering.viewer.FRAMES_PER_SECOND", 1000)
     env = SnakeModeSelectionEnv(render_mode="human")
     env.reset(seed=0)
     env.step(0)

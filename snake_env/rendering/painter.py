@@ -1,10 +1,9 @@
-"""Frames of the moving robot, drawn with Pillow: for videos, GIFs and a window."""
+"""Draws scenes with Pillow, and writes them as a GIF."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,13 @@ from snake_env.rendering.drawing import (
     Geometry,
     convex_hull,
     geometry,
-    lifted_wheels,
 )
-from snake_env.sim.simulation import trajectory
-from snake_env.state import FloatArray, SnakeState
+from snake_env.rendering.scenes import FRAMES_PER_SECOND, Scene
+from snake_env.state import FloatArray
 
 if TYPE_CHECKING:
     from PIL import Image, ImageDraw
 
-FRAMES_PER_SECOND = 20
-FRAME_EVERY_S = 0.15  # of the robot's time: videos run three times as fast as the robot
 WIDTH, HEIGHT = 640, 480
 
 _OVERSAMPLING = 2
@@ -40,160 +36,6 @@ _GHOST = "#cfdcea"
 _POLYGON = "#dcefe3"
 _NEAR_LIMIT = 0.85  # share of phi_limit from which a joint is shown in colour
 _HEADER = 64  # pixels
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What a frame shows.
-
-    Attributes:
-        phi: Joint angles, shape (n,) [rad].
-        w: Head pose, shape (3,) [m, m, rad].
-        target: Target joint angles, shape (n,) [rad].
-        lifted: Wheels in the air, shape (n,).
-        time: Time since the episode began [s].
-        caption: Phase and mode in words.
-        alarm: What went wrong, or empty.
-    """
-
-    phi: FloatArray
-    w: FloatArray
-    target: FloatArray
-    lifted: NDArray[np.bool_]
-    time: float
-    caption: str
-    alarm: str = ""
-
-
-def motion_scenes(
-    before: SnakeState, mode: int, params: SnakeParams, *, alarm: str = ""
-) -> list[Scene]:
-    """Scenes of an interval, one every :data:`FRAME_EVERY_S` and one at its end.
-
-    Args:
-        before: The robot at t_k.
-        mode: The mode, valid in its phase.
-        params: The constants.
-        alarm: What the last scene warns of.
-    """
-    motion = trajectory(before, mode, params)
-    steps = len(motion.u)
-    every = max(1, round(FRAME_EVERY_S / params.dt))
-    shown = [*range(every, steps, every), steps]
-    lifted = lifted_wheels(mode, before.phase, params)
-    caption = f"phase {before.phase}   mode {mode}"
-    return [
-        Scene(
-            phi=motion.phi[k],
-            w=motion.w[k],
-            target=before.target,
-            lifted=lifted,
-            time=before.elapsed + k * params.dt,
-            caption=caption,
-            alarm=alarm if k == steps else "",
-        )
-        for k in shown
-    ]
-
-
-def still_scene(state: SnakeState, params: SnakeParams, *, alarm: str = "") -> Scene:
-    """The robot at a switching time, with no more wheels in the air than the phase demands."""
-    done = state.done
-    up = lifted_wheels(0, state.phase, params)  # none once the target is reached
-    return Scene(
-        phi=state.phi,
-        w=state.w,
-        target=state.target,
-        lifted=up,
-        time=state.elapsed,
-        caption="target reached" if done else f"phase {state.phase}",
-        alarm=alarm,
-    )
-
-
-class Viewer:
-    """Turns an episode into frames, for the env's render modes.
-
-    Args:
-        params: The constants.
-        mode: ``human``, ``rgb_array`` or ``rgb_array_list``.
-
-    Raises:
-        MissingDependencyError: Pillow is not installed, or pygame for ``human``.
-    """
-
-    def __init__(self, params: SnakeParams, mode: str) -> None:
-        self.params = params
-        self._mode = mode
-        self._painter = Painter(params)
-        self._window = _Window() if mode == "human" else None
-        self._scenes: list[Scene] = []
-
-    def begin(self, state: SnakeState) -> None:
-        """Shows where an episode begins."""
-        self._scenes = []
-        self._add([still_scene(state, self.params)])
-
-    def show(self, before: SnakeState, mode: int, after: SnakeState, violation: str) -> None:
-        """Shows an interval: the motion inside it, or that the robot held still."""
-        held = np.array_equal(before.phi, after.phi) and bool(violation)
-        if held:
-            self._add([still_scene(after, self.params, alarm=violation)])
-        else:
-            self._add(motion_scenes(before, mode, self.params, alarm=violation))
-
-    def frame(self) -> NDArray[np.uint8]:
-        """The last frame, shape (480, 640, 3)."""
-        return self._painter.frame(self._scenes[-1])
-
-    def take(self) -> list[NDArray[np.uint8]]:
-        """The frames since the last call."""
-        frames = [self._painter.frame(scene) for scene in self._scenes]
-        self._scenes = []
-        return frames
-
-    def close(self) -> None:
-        """Closes the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-
-    def _add(self, scenes: list[Scene]) -> None:
-        if self._window is not None:
-            for scene in scenes:
-                self._window.show(self._painter.frame(scene))
-        self._scenes = scenes[-1:] if self._mode != "rgb_array_list" else [*self._scenes, *scenes]
-
-
-class _Window:
-    """The pygame window: pygame has a single one, which closes with the last that shows in it."""
-
-    _users = 0
-
-    def __init__(self) -> None:
-        try:
-            import pygame
-        except ImportError:
-            raise MissingDependencyError(
-                "render_mode 'human' needs pygame: pip install snake-mode-env[render]"
-            ) from None
-        self._pygame: Any = pygame
-        pygame.display.init()
-        pygame.display.set_caption("snake-mode-env")
-        self._screen = pygame.display.set_mode((WIDTH, HEIGHT))
-        self._clock = pygame.time.Clock()
-        _Window._users += 1
-
-    def show(self, frame: NDArray[np.uint8]) -> None:
-        surface = self._pygame.surfarray.make_surface(frame.swapaxes(0, 1))
-        self._screen.blit(surface, (0, 0))
-        self._pygame.event.pump()
-        self._pygame.display.flip()
-        self._clock.tick(FRAMES_PER_SECOND)
-
-    def close(self) -> None:
-        _Window._users -= 1
-        if _Window._users == 0:
-            self._pygame.display.quit()
 
 
 class Painter:
