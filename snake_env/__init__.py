@@ -24,6 +24,8 @@ from snake_env.modes import ModeTable
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.registry import load_policy
+from snake_env.sim.masks import action_mask
+from snake_env.sim.observation import observe
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
 from snake_env.sim.simulation import (
     Prediction,
@@ -57,12 +59,14 @@ __all__ = [
     "TaskSuite",
     "Trajectory",
     "UnknownNameError",
+    "action_mask",
     "advance",
     "advance_batch",
     "cost",
     "joint_input",
     "load_policy",
     "load_tasks",
+    "observe",
     "predict",
     "predict_batch",
     "set_num_threads",

@@ -58,6 +58,20 @@ def action_masks(states: StateBatch, level: MaskLevel, params: SnakeParams) -> N
     return _or_else(feasible, instant)
 
 
+def action_mask(
+    state: SnakeState, params: SnakeParams, level: MaskLevel = "instant"
+) -> NDArray[np.bool_]:
+    """The mask of one state, shape (n_modes,): see :func:`action_masks`.
+
+    Raises:
+        UnknownNameError: No such level.
+    """
+    if level == "instant":
+        return instant_mask(state, params)
+    mask: NDArray[np.bool_] = action_masks(StateBatch.stack([state]), level, params)[0]
+    return mask
+
+
 def instant_mask(state: SnakeState, params: SnakeParams) -> NDArray[np.bool_]:
     """The mask ``instant`` of a single state, to the bit, in some microseconds: shape (n_modes,)."""
     mask: NDArray[np.bool_]

@@ -45,18 +45,20 @@ def observation_size(n_joints: int) -> int:
     return sum(size for _, size in observation_rows(n_joints))
 
 
-def observe(states: StateBatch, params: SnakeParams) -> NDArray[np.float32]:
-    """Observations of many states, each value within [-1, 1].
+def observe(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.float32]:
+    """The observation of a state, or those of many: each value within [-1, 1].
 
     Args:
-        states: N states.
+        states: A state, or N of them.
         params: The constants.
 
     Returns:
-        Shape (N, observation_size), float32, freshly allocated. The rows are described in
-        :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
+        Shape (observation_size,) or (N, observation_size), float32, freshly allocated. The rows are
+        described in :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
     """
     kernel = get_observation_kernel(params.n_joints, params.head_contact)
+    if isinstance(states, SnakeState):
+        return kernel.of_one(params, _arguments(states, params), np.float32)
     return kernel.of_many(params, _arguments(states, params), np.float32)
 
 
@@ -73,9 +75,7 @@ def observe_one(
         The observation, shape (observation_size,), and the instant mask, shape (n_modes,): to the bit
         what :func:`observe` and :func:`snake_env.sim.masks.action_masks` give for it.
     """
-    kernel = get_observation_kernel(params.n_joints, params.head_contact)
-    observation = kernel.of_one(params, _arguments(state, params), np.float32)
-    return observation, instant_mask(state, params)
+    return observe(state, params), instant_mask(state, params)
 
 
 def _arguments(state: SnakeState | StateBatch, params: SnakeParams) -> tuple[Any, ...]:

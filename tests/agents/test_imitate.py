@@ -172,7 +172,9 @@ def test_export__writes_model_manifest_and_card(which: str, run: Path, tmp_path:
     assert f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s" in card
     if which == "last":
         assert validation["round"] == 2
-    assert str(tmp_path) not in json.dumps(dict(model.made))  # the results' folder is nobody's business
+    assert str(tmp_path) not in json.dumps(
+        dict(model.made)
+    )  # the results' folder is nobody's business
     assert model.made["versions"]["torch"]
 
 

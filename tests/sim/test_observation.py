@@ -9,6 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import snake_env
+from snake_env import UnknownNameError
+from snake_env.envs import SnakeModeSelectionEnv
 from snake_env.equations.features import features
 from snake_env.kernel import compiler
 from snake_env.kernel.instant_mask import MAX_MODES, get_mask_kernel
@@ -237,3 +240,19 @@ def test_warm_up__leaves_nothing_to_compile(
         observe_one(state, params)
         action_masks(StateBatch.stack([state]), "lookahead", params)
     assert not caplog.records
+
+
+@pytest.mark.parametrize("params", [PAPER, NARROW, OTHER])
+def test_public_observe_and_mask__are_those_of_the_env(params: SnakeParams) -> None:
+    changes = {name: pair[0] for name, pair in params.differences(PAPER).items()}
+    env = SnakeModeSelectionEnv(**changes)
+    for seed in range(5):
+        seen, info = env.reset(seed=seed)
+        assert np.array_equal(snake_env.observe(env.state, params), seen)
+        assert np.array_equal(snake_env.observe(StateBatch.stack([env.state]), params), [seen])
+        assert np.array_equal(snake_env.action_mask(env.state, params), info["action_mask"])
+        for level in ("structural", "instant", "lookahead"):
+            expected = action_masks(StateBatch.stack([env.state]), level, params)[0]
+            assert np.array_equal(snake_env.action_mask(env.state, params, level), expected)
+    with pytest.raises(UnknownNameError, match="did you mean 'instant'"):
+        snake_env.action_mask(env.state, params, "instnt")
