@@ -24,6 +24,7 @@ from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
 
 SCHEMA = 2
+_CRITIC = "critic."
 LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
@@ -44,6 +45,8 @@ class Model:
         params: The constants that it was trained with.
         network: Takes observations.
         made: How it was made and what it is good for, as the manifest tells it.
+        critic: A value network for the same robot, which ranks what the policy's favourites lead to; a
+            model of the kind ``value`` or ``quick-value``, or None.
         sha256: Of its file; empty where it has none.
     """
 
@@ -51,6 +54,7 @@ class Model:
     params: SnakeParams
     network: Network
     made: Mapping[str, Any] = field(default_factory=dict)
+    critic: Model | None = None
     sha256: str = ""
 
     def check(self, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> None:
@@ -84,12 +88,9 @@ class Model:
 
 def write_model(path: Path, model: Model) -> None:
     """Writes a model to ``path`` (``.safetensors``), atomically."""
-    tensors = {}
-    for k, (weight, bias) in enumerate(
-        zip(model.network.weights, model.network.biases, strict=True)
-    ):
-        tensors[f"weight.{k}"] = np.ascontiguousarray(weight, dtype=np.float32)
-        tensors[f"bias.{k}"] = np.ascontiguousarray(bias, dtype=np.float32)
+    tensors = _tensors(model.network)
+    if model.critic is not None:
+        tensors |= {_CRITIC + name: t for name, t in _tensors(model.critic.network).items()}
     manifest = {
         "schema": SCHEMA,
         "kind": model.kind,
@@ -98,6 +99,8 @@ def write_model(path: Path, model: Model) -> None:
         "network": model.network.sizes,
         "made": dict(model.made),
     }
+    if model.critic is not None:
+        manifest["critic"] = {"kind": model.critic.kind, "network": model.critic.network.sizes}
     manifest = json.loads(json.dumps(manifest))  # as it will be read
     manifest["sha256"] = _digest(manifest, _split(save(tensors))[1])
     # one key: with more of them their order would be random, and so would the file's bytes
@@ -130,9 +133,28 @@ def read_model(path: Path) -> Model:
     if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
         raise _bad(path, "the file as it was written (its sha256 differs)")
     params = _read_params(path, manifest["params"])
-    network = _read_network(path, manifest, params, tensors)
+    own = {name: t for name, t in tensors.items() if not name.startswith(_CRITIC)}
+    others = {name.removeprefix(_CRITIC): t for name, t in tensors.items() if name not in own}
+    network = _read_network(path, manifest, params, own)
+    critic = None
+    if manifest["kind"] == "policy" and (about := manifest.get("critic")) is not None:
+        if not isinstance(about, dict) or about.get("kind") not in ("value", "quick-value"):
+            raise _bad(path, "a critic of the kind value or quick-value")
+        as_its_own = {**manifest, "kind": about["kind"], "network": about.get("network")}
+        critic = Model(about["kind"], params, _read_network(path, as_its_own, params, others))
+    elif others:
+        raise _bad(path, "no tensors of a critic")
     file_sha256 = hashlib.sha256(data).hexdigest()
-    return Model(manifest["kind"], params, network, manifest["made"], file_sha256)
+    return Model(manifest["kind"], params, network, manifest["made"], critic, file_sha256)
+
+
+def _tensors(network: Network) -> dict[str, Any]:
+    """A network's arrays by the names that they have in a file."""
+    tensors = {}
+    for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        tensors[f"weight.{k}"] = np.ascontiguousarray(weight, dtype=np.float32)
+        tensors[f"bias.{k}"] = np.ascontiguousarray(bias, dtype=np.float32)
+    return tensors
 
 
 def read_network(path: Path, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> Network:
@@ -195,7 +217,8 @@ def _read_network(
         raise _bad(path, "the rows of this version's observation")
     outputs = len(mode_table(n)) if manifest["kind"] == "policy" else 1
     if (
-        len(sizes) < 2
+        not isinstance(sizes, list)
+        or len(sizes) < 2
         or any(type(size) is not int or size < 1 for size in sizes)
         or (sizes[0], sizes[-1]) != (observation_size(n), outputs)
     ):

@@ -22,6 +22,10 @@ class NetworkPolicy:
     A mode that left the robot where it was would do so again. As long as the robot stands still, no
     mode that was executed is chosen again while there are others (the no-repeat rule).
 
+    Attributes:
+        rollouts: Always 0.
+        model: Its model.
+
     Args:
         params: The constants.
         model: Of the kind ``policy``.
@@ -34,6 +38,7 @@ class NetworkPolicy:
     def __init__(self, params: SnakeParams, model: Model, transfer: bool = False) -> None:
         model.check(params, "policy", transfer=transfer)
         self.rollouts = 0
+        self.model = model
         self._params = params
         self._network = SymmetricNetwork(model.network, params.n_joints)
         self.reset()

@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 from snake_env.kernel.blocks import LANES
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import read_model
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
-from snake_env.policies.ends import ends
 from snake_env.policies.lookahead import LookaheadPolicy
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.search import expand
+from snake_env.policies.one_step import FAVOURITES, CriticPolicy, ValuePolicy
 from snake_env.policies.shield import ShieldedPolicy
 from snake_env.policies.value import (
     NetworkValue,
@@ -34,7 +33,7 @@ from snake_env.policies.value import (
 from snake_env.sim.masks import instant_mask
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
-from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
+from snake_env.state import SnakeState
 
 
 class AnalyticPolicy:
@@ -74,64 +73,6 @@ class FirstFeasiblePolicy:
             if feasible.any():
                 return int(block[np.argmax(feasible)])
         return int(modes[0])
-
-
-class ValuePolicy:
-    """The feasible mode whose successor needs the fewest intervals: predicts all modes, as (21) does.
-
-    A network is not asked about modes that lead nowhere, as long as there are others.
-
-    Args:
-        params: The constants that it predicts with.
-        value: Default: the shipped network ``value``, or what the planner is guided by.
-        transfer: Whether that network may have been trained with other constants.
-
-    Raises:
-        InvalidInputError: The shipped networks were trained with other constants.
-    """
-
-    def __init__(
-        self, params: SnakeParams, value: ValueFunction | None = None, transfer: bool = False
-    ) -> None:
-        self.params = params
-        self.rollouts = 0
-        if value is None:
-            value = load_value(params, ("value", "lookahead"), transfer)
-        self._value = value
-        self._optimizer = AnalyticOptimizer(params)
-
-    def reset(self, seed: int | None = None) -> None:
-        """Begins an episode; nothing is remembered."""
-
-    def select_mode(self, state: SnakeState) -> int:
-        """The feasible mode of best value; where none is feasible, the one that holds out longest."""
-        modes, worth = self._choices(state)
-        if len(modes) == 0:
-            selection = self._optimizer.select(state)
-            self.rollouts += len(selection.modes)
-            return selection.last_resort
-        if len(modes) == 1:
-            return int(modes[0])
-        return int(modes[np.argmin(worth())])
-
-    def _choices(self, state: SnakeState) -> tuple[IntArray, Callable[[], FloatArray]]:
-        """The modes that can be executed, and who says what their ends are worth."""
-        valid, value = self._optimizer.modes(state.phase), self._value
-        self.rollouts += len(valid)
-        if not isinstance(value, NetworkValue):
-            tree = expand(StateBatch.stack([state]), self.params)
-            return tree.mode, lambda: value(tree.states)
-        found = ends(state, valid, self.params)  # a network needs no more than what is seen there
-        kept = np.flatnonzero(found.executable & (found.turn >= _CREEPING))
-        if len(kept) == 0:
-            kept = np.flatnonzero(found.executable)
-        seen, reached = found.observations.take(kept, axis=0), found.reached[kept]
-        return valid[kept], lambda: value.of_observed(seen, reached)
-
-
-_CREEPING = 0.01
-"""Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
-joint comes close to its limit, and a network that prefers one of them would do so again and again."""
 
 
 _POLICY_STREAMS = (0, 1)
@@ -188,6 +129,7 @@ def _learned(name: str) -> Callable[..., Policy]:
     return policy
 
 
+LEARNED = ("imitate", "ppo", "dqn")
 POLICIES: dict[str, Callable[..., Policy]] = {
     "analytic": AnalyticPolicy,
     "analytic-14": _analytic_14,
@@ -195,10 +137,10 @@ POLICIES: dict[str, Callable[..., Policy]] = {
     "random": RandomPolicy,
     "lookahead": LookaheadPolicy,
     "value": ValuePolicy,
-    **{name: _learned(name) for name in ("imitate", "ppo", "dqn")},
+    **{name: _learned(name) for name in LEARNED},
 }
 """Every policy by name; each entry makes one for given constants, and options where it has any."""
-SHIELD = "+shield"
+SHIELD, CRITIC = "+shield", "+critic"
 MODEL_FILE = ".safetensors"
 
 
@@ -212,8 +154,9 @@ def load_policy(
             Table II), ``first-feasible``, ``random``, ``lookahead`` (a planner), ``value`` (the
             feasible mode whose successor is worth most), ``imitate``, ``ppo``, ``dqn`` (learned, no
             roll-outs), or the path of a ``.safetensors`` file. ``+shield`` after it adds a
-            :class:`snake_env.policies.shield.ShieldedPolicy`. Options follow a colon, as in
-            ``lookahead:width=16,deadline_ms=inf`` or ``ppo+shield:transfer=1``.
+            :class:`snake_env.policies.shield.ShieldedPolicy`; ``+critic`` after a learned one a
+            :class:`snake_env.policies.one_step.CriticPolicy`. Options follow a colon, as in
+            ``lookahead:width=16,deadline_ms=inf``, ``ppo+critic:k=4`` or ``ppo+shield:transfer=1``.
         params: The constants that it predicts with; default: the preset ``paper``.
         transfer: Whether a network that was trained with other constants is accepted.
 
@@ -223,23 +166,43 @@ def load_policy(
             not with this option; a damaged model file.
     """
     constants = params or SnakeParams()
-    base, shielded, options = _parse(str(name))
+    base, suffix, options = _parse(str(name))
     make: Callable[..., Policy]
     if base.endswith(MODEL_FILE):
         make, title = functools.partial(_of_file, Path(base)), "a model file"
     elif base in POLICIES:
         make, title = POLICIES[base], base
     else:
-        raise UnknownNameError("policy", base, POLICIES)
-    known = _known_options(make)
+        known = (*POLICIES, *(f"{learned}{CRITIC}" for learned in LEARNED))
+        raise UnknownNameError("policy", base, known)
+    known_options = [*_known_options(make), *(["k"] if suffix == CRITIC else [])]
     for key in options:
-        if key not in known:
-            raise UnknownNameError(f"option of {title}", key, known)
+        if key not in known_options:
+            raise UnknownNameError(f"option of {title}{suffix}", key, known_options)
     given: dict[str, Any] = {k: _number(f"{title}:{k}", text) for k, text in options.items()}
-    if "transfer" in known:
-        given["transfer"] = _truth(given.get("transfer", transfer))
+    if "transfer" in known_options:
+        given["transfer"] = transfer = _truth(given.get("transfer", transfer))
+    k = given.pop("k", FAVOURITES)
     policy = make(constants, **given)
-    return ShieldedPolicy(policy, constants) if shielded else policy
+    if suffix == SHIELD:
+        return ShieldedPolicy(policy, constants)
+    return _with_critic(policy, title, k, constants, transfer) if suffix == CRITIC else policy
+
+
+def _with_critic(
+    policy: Policy, title: str, k: float, params: SnakeParams, transfer: bool
+) -> CriticPolicy:
+    """A learned policy with the critic that its model holds, or that ships for its robot."""
+    if not isinstance(policy, NetworkPolicy):
+        raise InvalidInputError("policy", f"{title}{CRITIC}", "a learned policy before +critic")
+    number = as_integer(k)
+    if number is None or number < 1:
+        raise InvalidInputError("k", k, "a positive integer")
+    if policy.model.critic is not None:
+        value: ValueFunction = NetworkValue(policy.model.critic, params, transfer)
+    else:
+        value = load_value(params, ("value", "lookahead"), transfer)
+    return CriticPolicy(policy, value, params, number)
 
 
 def _of_file(path: Path, params: SnakeParams, transfer: bool = False) -> Policy:
@@ -250,18 +213,19 @@ def _of_file(path: Path, params: SnakeParams, transfer: bool = False) -> Policy:
     return ValuePolicy(params, NetworkValue(model, params, transfer))
 
 
-def _parse(text: str) -> tuple[str, bool, dict[str, str]]:
-    """A policy's base name, whether it is shielded, and its options; either order of both."""
+def _parse(text: str) -> tuple[str, str, dict[str, str]]:
+    """A policy's base name, its suffix, and its options, which may stand before the suffix or after."""
     start = text.rfind(MODEL_FILE)  # a path may hold colons and pluses
     end = 0 if start < 0 else start + len(MODEL_FILE)
     head, tail = text[:end], text[end:]
-    plain, shield, after = tail.partition(SHIELD)
+    suffix = next((each for each in (SHIELD, CRITIC) if each in tail), "")
+    plain, _, after = tail.partition(suffix) if suffix else (tail, "", "")
     if after and not after.startswith(":"):
-        return text, False, {}
+        return text, "", {}
     name, colon, options = plain.partition(":")
     given = [options] * bool(colon) + [after[1:]] * bool(after)
     pairs = (pair.partition("=")[::2] for part in given for pair in part.split(","))
-    return head + name, bool(shield), dict(pairs)
+    return head + name, suffix, dict(pairs)
 
 
 def _known_options(make: Callable[..., Policy]) -> list[str]:

@@ -9,7 +9,7 @@ import torch
 from agents.value import FAILURE, Fit, Play, Returns, fit, play
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
-from snake_env.policies.registry import ValuePolicy
+from snake_env.policies.one_step import ValuePolicy
 from snake_env.policies.search import expand
 from snake_env.policies.value import PhaseValue
 from snake_env.sim.observation import observe

@@ -14,7 +14,8 @@ from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.lookahead import FAILURES, LookaheadPolicy
-from snake_env.policies.registry import ValuePolicy, load_policy
+from snake_env.policies.one_step import ValuePolicy
+from snake_env.policies.registry import load_policy
 from snake_env.policies.search import expand
 from snake_env.policies.value import NetworkValue, PhaseValue, ValueFunction
 from snake_env.sim.observation import observation_rows, observation_size

@@ -16,6 +16,7 @@ POLICIES = (
     *("analytic", "analytic-14", "first-feasible", "random", "value", "lookahead:width=4"),
     *("lookahead:width=16,depth=2", "ppo", "dqn", "imitate"),
     *("ppo+shield", "dqn+shield", "imitate+shield", "random+shield", "value+shield"),
+    *("ppo+critic", "dqn+critic:k=4", "imitate+critic:k=2"),
 )
 NARROW = SnakeParams.preset("narrow")
 

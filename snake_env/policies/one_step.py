@@ -1,0 +1,131 @@
+"""One-step lookahead: modes are simulated for one interval, and a value network ranks their ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from snake_env.params import SnakeParams
+from snake_env.policies.ends import ends
+from snake_env.policies.network_policy import NetworkPolicy
+from snake_env.policies.search import expand
+from snake_env.policies.value import NetworkValue, ValueFunction, load_value
+from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.state import IntArray, SnakeState, StateBatch
+
+CREEPING = 0.01
+"""Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
+joint comes close to its limit, and a network that prefers one of them would do so again and again."""
+
+FAVOURITES = 8
+"""Modes of a policy that are simulated at a time: the kernel simulates so many in the time of one."""
+
+
+def best_mode(
+    state: SnakeState, modes: IntArray, value: ValueFunction, params: SnakeParams
+) -> int | None:
+    """The mode whose end needs the fewest intervals, of those that are feasible and let no links touch.
+
+    Modes that lead nowhere (:data:`CREEPING`) are left out while there are others. Ties go to the mode
+    that comes first.
+
+    Args:
+        state: The robot at t_k.
+        modes: Mode indices, shape (M,), valid in the state's phase. Each costs a roll-out.
+        value: Ranks the ends.
+        params: The constants.
+
+    Returns:
+        The mode; None where none can be executed.
+    """
+    if isinstance(value, NetworkValue):
+        found = ends(state, modes, params)  # a network needs no more than what is seen there
+        executable, turn = found.executable, found.turn
+    else:
+        tree = expand(StateBatch.stack([state]), params)
+        executable = np.isin(modes, tree.mode)
+        turn = np.full(len(modes), np.inf)
+    kept = np.flatnonzero(executable & (turn >= CREEPING))
+    if len(kept) == 0:
+        kept = np.flatnonzero(executable)
+    if len(kept) <= 1:
+        return int(modes[kept[0]]) if len(kept) else None
+    if isinstance(value, NetworkValue):
+        worth = value.of_observed(found.observations.take(kept, axis=0), found.reached[kept])
+    else:
+        worth = value(tree.states.take(np.searchsorted(tree.mode, modes[kept])))
+    return int(modes[kept[np.argmin(worth)]])
+
+
+class ValuePolicy:
+    """The feasible mode whose end needs the fewest intervals: simulates all modes, as (21) does.
+
+    Args:
+        params: The constants that it predicts with.
+        value: Default: the shipped network ``value``, or what the planner is guided by.
+        transfer: Whether that network may have been trained with other constants.
+
+    Raises:
+        InvalidInputError: The shipped networks were trained with other constants.
+    """
+
+    def __init__(
+        self, params: SnakeParams, value: ValueFunction | None = None, transfer: bool = False
+    ) -> None:
+        self.params = params
+        self.rollouts = 0
+        if value is None:
+            value = load_value(params, ("value", "lookahead"), transfer)
+        self._value = value
+        self._optimizer = AnalyticOptimizer(params)
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode; nothing is remembered."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        """The feasible mode of best value; where none is feasible, the one that holds out longest."""
+        valid = self._optimizer.modes(state.phase)
+        self.rollouts += len(valid)
+        mode = best_mode(state, valid, self._value, self.params)
+        if mode is not None:
+            return mode
+        selection = self._optimizer.select(state)
+        self.rollouts += len(selection.modes)
+        return selection.last_resort
+
+
+class CriticPolicy:
+    """A learned policy's favourites, simulated; a critic decides between their ends.
+
+    Where none of the favourites can be executed, its next ones are simulated, then all modes: (21)
+    decides, and in a deadlock what holds out longest.
+
+    Args:
+        policy: Ranks the modes, without roll-outs.
+        value: The critic.
+        params: The constants that it predicts with.
+        k: Favourites that are simulated at a time.
+    """
+
+    def __init__(
+        self, policy: NetworkPolicy, value: ValueFunction, params: SnakeParams, k: int = FAVOURITES
+    ) -> None:
+        self.rollouts = 0
+        self._policy, self._value, self._params, self._k = policy, value, params, k
+        self._optimizer = AnalyticOptimizer(params)
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begins an episode: nothing has been tried."""
+        self._policy.reset(seed)
+
+    def select_mode(self, state: SnakeState) -> int:
+        """The favourite whose end the critic values most."""
+        ranked = self._policy.ranking(state)
+        for first in (0, self._k):
+            favourites = ranked[first : first + self._k]
+            self.rollouts += len(favourites)
+            mode = best_mode(state, favourites, self._value, self._params)
+            if mode is not None:
+                return mode
+        selection = self._optimizer.select(state)
+        self.rollouts += len(selection.modes)
+        return selection.last_resort
