@@ -11,8 +11,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
-from agents.checks import check_hidden, check_positive, check_share
+from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.mlp import PREFERENCE, falling, linear_layers, load_weights, scaled, to_numpy
+from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
 
@@ -56,6 +57,11 @@ class Settings:
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "learning_rate")
         check_positive(self, "buffer_size", "gradient_steps", "target_update")
         check_share(self, "exploration", "exploration_end", "gamma")
+        check_at_most(self, 65_536, "num_envs", "n_steps", "batch_size")
+        check_at_most(self, 100_000_000, "buffer_size")
+        if self.learning_starts < 0:
+            expected = "zero or a positive number"
+            raise InvalidInputError("learning_starts", self.learning_starts, expected)
 
 
 def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> MaskedDQN:
@@ -105,29 +111,39 @@ def extra_state(model: MaskedDQN) -> dict[str, Any]:
     buffer = model.replay_buffer
     assert isinstance(buffer, DictReplayBuffer)
     rows = buffer.buffer_size if buffer.full else buffer.pos
-    arrays = {name: getattr(buffer, name)[:rows] for name in _BUFFER}
-    for part in ("observations", "next_observations"):
-        arrays |= {f"{part}.{k}": v[:rows] for k, v in getattr(buffer, part).items()}
     return {
         "pos": buffer.pos,
         "full": buffer.full,
         "calls": model._n_calls,
-        **{name: torch.from_numpy(array) for name, array in arrays.items()},
+        **{name: torch.from_numpy(array[:rows]) for name, array in _arrays(buffer).items()},
     }
+
+
+def _arrays(buffer: DictReplayBuffer) -> dict[str, Any]:
+    """The arrays of a replay buffer, by name."""
+    arrays = {name: getattr(buffer, name) for name in _BUFFER}
+    for part in ("observations", "next_observations"):
+        arrays |= {f"{part}.{key}": array for key, array in getattr(buffer, part).items()}
+    return arrays
 
 
 def set_extra_state(model: MaskedDQN, state: dict[str, Any]) -> None:
     """Restores :func:`extra_state`."""
     buffer = model.replay_buffer
     assert isinstance(buffer, DictReplayBuffer)
-    buffer.pos, buffer.full, model._n_calls = state["pos"], state["full"], state["calls"]
-    for name, value in state.items():
-        if isinstance(value, torch.Tensor):
-            part, _, key = name.partition(".")
-            array = getattr(buffer, part)
-            (array[key] if key else array)[: len(value)] = value.numpy()
+    pos, full, calls = state["pos"], state["full"], state["calls"]
+    if type(pos) is not int or type(full) is not bool or type(calls) is not int or calls < 0:
+        raise TypeError("the replay buffer's counters")
+    if not 0 <= pos < buffer.buffer_size:
+        raise ValueError(f"position {pos} in a replay buffer of {buffer.buffer_size}")
+    buffer.pos, buffer.full, model._n_calls = pos, full, calls
+    rows = buffer.buffer_size if full else pos
+    for name, array in _arrays(buffer).items():
+        array[:rows] = state[name].numpy().reshape(rows, *array.shape[1:])
 
 
 def network(model: MaskedDQN) -> Network:
     """The action values as preferences."""
-    return scaled(to_numpy(linear_layers(model.q_net.q_net)), 1.0 / PREFERENCE)
+    return scaled(
+        to_numpy(linear_layers(model.q_net.q_net), model.lr_schedule(1.0)), 1.0 / PREFERENCE
+    )

@@ -9,7 +9,7 @@ the preferences are those of a soft maximum of action values: PPO and DQN can bo
 
 from __future__ import annotations
 
-import zipfile
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,8 +28,10 @@ from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3.symmetric import Symmetric
+from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
 
+_LARGEST = 32 * 2**30  # bytes of an array of lessons
 REWARD = RewardWeights()
 """The env's reward, in whose units action values are learned."""
 INFEASIBLE = -3.0
@@ -64,6 +66,9 @@ class Fit:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "last_epochs", "batch_size", "learning_rate")
         check_positive(self, "violation")
+        for name in ("cross_entropy", "values"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InvalidInputError(name, getattr(self, name), "zero or a positive number")
         check_hidden(self.hidden)
         check_device(self.device)
 
@@ -98,10 +103,14 @@ def read_lessons(run: Path) -> list[Lessons]:
     parts = []
     for path in sorted(run.glob("lessons-*.npz")):
         try:
-            with path.open("rb") as raw, np.load(raw) as file:
-                parts.append(Lessons(file["observations"], file["cost"]))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InvalidInputError("lessons", str(run), f"undamaged lessons ({error})") from None
+            arrays = read_arrays(path, "observations", "cost", most=_LARGEST)
+            observations, cost = arrays["observations"], arrays["cost"]
+            if observations.ndim != 2 or cost.ndim != 2 or len(observations) != len(cost):
+                raise ArrayFileError("its arrays do not fit each other")
+        except ArrayFileError as error:
+            expected = f"undamaged lessons ({error}; --overwrite begins again)"
+            raise InvalidInputError("lessons", str(path), expected) from None
+        parts.append(Lessons(observations.astype(np.float32), cost.astype(np.float16)))
     return parts
 
 
@@ -172,7 +181,7 @@ def fit(
         "regret": float((preferred * (1.0 - broken)).mean()),
         "infeasible": float(broken.mean()),
     }
-    return scaled(to_numpy(linear_layers(module)), 1.0 / PREFERENCE), figures
+    return scaled(to_numpy(linear_layers(module), how.learning_rate), 1.0 / PREFERENCE), figures
 
 
 def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:

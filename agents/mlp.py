@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.networks.model_file import LARGEST_OUTPUT
 from snake_env.networks.network import Network
 
 PREFERENCE = 0.03
@@ -43,22 +44,41 @@ def linear_layers(modules: Iterable[nn.Module]) -> list[nn.Linear]:
     return [module for module in modules if isinstance(module, nn.Linear)]
 
 
-def to_numpy(layers: Sequence[nn.Linear]) -> Network:
+class DivergedError(SnakeEnvError):
+    """Training has led to numbers that are infinite or none at all."""
+
+    def __init__(self, learning_rate: float | None) -> None:
+        super().__init__(learning_rate)
+        self.learning_rate = learning_rate
+
+    def __str__(self) -> str:
+        known = "" if self.learning_rate is None else f" ({self.learning_rate:g})"
+        return f"training diverged: lower --learning-rate{known}"
+
+
+def to_numpy(layers: Sequence[nn.Linear], learning_rate: float | None = None) -> Network:
     """Linear layers as a network, copied.
 
+    Args:
+        layers: The layers.
+        learning_rate: What they were trained with, for the error.
+
     Raises:
-        InvalidInputError: Training has diverged.
+        DivergedError: They hold numbers that a model file may not.
     """
     for layer in layers:
         if not all(torch.isfinite(part).all() for part in (layer.weight, layer.bias)):
-            raise InvalidInputError("learning_rate", "it", "a smaller one: the network diverged")
-    return Network(
+            raise DivergedError(learning_rate)
+    network = Network(
         weights=[
             np.ascontiguousarray(layer.weight.detach().cpu().numpy().T, dtype=np.float32)
             for layer in layers
         ],
         biases=[layer.bias.detach().cpu().numpy().astype(np.float32).copy() for layer in layers],
     )
+    if not network.largest_output() <= LARGEST_OUTPUT:
+        raise DivergedError(learning_rate)
+    return network
 
 
 def load_weights(layers: Sequence[nn.Linear], network: Network) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +13,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from agents.checks import check_hidden, check_positive, check_share
+from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
+from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
 
@@ -61,6 +63,17 @@ class Settings:
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
         check_positive(self, "learning_rate", "clip_range", "init_sharpness", "average")
         check_share(self, "gae_lambda", "gamma", "average")
+        check_at_most(self, 65_536, "num_envs", "n_steps")
+        if not 0.0 <= self.entropy < math.inf:
+            raise InvalidInputError("entropy", self.entropy, "zero or a positive number")
+        if self.critic_first < 0:
+            raise InvalidInputError("critic_first", self.critic_first, "zero or a positive number")
+        if self.num_envs * self.n_steps < 2:
+            expected = "2 or more together with --num-envs: advantages are normalised"
+            raise InvalidInputError("n_steps", self.n_steps, expected)
+        if self.batch_size < 2:
+            expected = "2 or more: advantages are normalised in a batch"
+            raise InvalidInputError("batch_size", self.batch_size, expected)
 
 
 class AveragedPPO(PPO):
@@ -136,7 +149,7 @@ def set_extra_state(model: AveragedPPO, state: dict[str, Any]) -> None:
 
 def network(model: AveragedPPO) -> Network:
     """The actor's network, averaged: a preference for each mode."""
-    return to_numpy(_mean_actor(model))
+    return to_numpy(_mean_actor(model), model.lr_schedule(1.0))
 
 
 def _actor(model: AveragedPPO) -> list[nn.Linear]:

@@ -12,6 +12,7 @@ states that it passes, for which there is no noise and much more of them.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -58,7 +59,7 @@ class Fit:
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "batch_size", "learning_rate")
-        if not self.weight_decay >= 0.0:
+        if not 0.0 <= self.weight_decay < math.inf:
             raise InvalidInputError("weight_decay", self.weight_decay, "zero or a positive number")
         check_hidden(self.hidden)
         check_device(self.device)
@@ -260,4 +261,6 @@ def fit(
         optimizer.step()
         schedule.step()
         last_pass.append((estimate.detach() - y[rows]).abs().mean())
-    return to_numpy(linear_layers(module)), float(torch.stack(tuple(last_pass)).mean())
+    return to_numpy(linear_layers(module), how.learning_rate), float(
+        torch.stack(tuple(last_pass)).mean()
+    )

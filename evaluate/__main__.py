@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from typing import Any
 
-import joblib
 from rich.console import Console
 
+from evaluate.command import complain, exit_code
 from evaluate.command import console as make_console
-from evaluate.command import exit_code
-from evaluate.compare import CompareOptions, compare_folders
+from evaluate.compare import CompareOptions, compare_folders, read_episodes, read_summary
+from evaluate.drawings import draw
 from evaluate.engine import WorkerLostError
+from evaluate.folder import held
 from evaluate.latency import measure_latencies
 from evaluate.options import Options, parse
 from evaluate.progress import progress
 from evaluate.protocol import Shard, check_policy, run_shard
-from evaluate.store import Store
+from evaluate.store import LAYOUT, Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
-from evaluate.video import check_wish, write_videos
+from evaluate.video import check_wish
 from snake_env import interrupts
+from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import TaskSuite, load_tasks
@@ -53,6 +56,8 @@ def evaluate(options: Options) -> int:
         SnakeEnvError: The options can't be used.
     """
     params = options.check()
+    if options.out is not None:  # a policy may change the folder that relative paths begin in
+        options = dataclasses.replace(options, out=options.out.absolute())
     for name in options.names:
         check_policy(name, params, options.slip)
     suite = load_tasks(options.tasks, params)
@@ -60,17 +65,24 @@ def evaluate(options: Options) -> int:
         check_wish(options.video, suite)
     config = {
         "policies": list(options.names),
-        "tasks": {
-            "name": suite.name,
-            "n": len(suite),
-            "hash": joblib.hash((suite.phi0, suite.target)),
-        },
+        "tasks": {"name": suite.name, "n": len(suite), "hash": suite.sha256},
         "preset": options.preset,
         "params": dataclasses.asdict(params),
         "slip": list(options.slip),
         "decision_timeout_s": options.decision_timeout,
     }
-    store = Store(options.out, config, overwrite=options.overwrite, resume=options.resume)
+    flags = {"overwrite": options.overwrite, "resume": options.resume}
+    with held(options.out, LAYOUT, **flags) as found:
+        if found == "finished":
+            return _finished(options, config, params, suite)
+        return _evaluate(options, config, params, suite, resume=found == "begun")
+
+
+def _evaluate(
+    options: Options, config: dict[str, Any], params: SnakeParams, suite: TaskSuite, *, resume: bool
+) -> int:
+    """Runs what is left to do, writes, prints and draws."""
+    store = Store(options.out, config, resume=resume)
     warm_up(params)  # compiled once, before there are workers
     console = make_console()
     began, before = time.monotonic(), store.done
@@ -95,22 +107,30 @@ def evaluate(options: Options) -> int:
     for name in options.names:
         _print_errors(console, name, rows[name])
     console.print(f"{store.done - before} episodes in {duration:.1f} s")
-    if options.out is not None:
-        if not options.no_pictures:
-            from evaluate.pictures import draw_all  # matplotlib takes a while to import
-            from evaluate.report import write_report
+    code = draw(options, rows, summary, params, suite, console)
+    if code == 0:
+        store.finish()  # last: until then --resume does what is missing
+        print_comparisons(console, summary)
+    return code
 
-            draw_all(options.out, rows, params)
-            page = write_report(options.out, options.names, rows, summary, params, suite)
-            console.print(f"report: {page}", soft_wrap=True)
-        if options.video:
-            for path in write_videos(
-                options.out, options.video, options.names, rows, params, suite
-            ):
-                console.print(f"video: {path}", soft_wrap=True)
-        console.print(f"results: {options.out}/", soft_wrap=True)
+
+def _finished(
+    options: Options, config: dict[str, Any], params: SnakeParams, suite: TaskSuite
+) -> int:
+    """Says that there is nothing left to run; draws what is asked for and not there."""
+    assert options.out is not None
+    summary = read_summary(options.out, "resume")
+    there = (summary["command"], summary["tasks"], summary["params"])
+    if there != (options.command, config["tasks"], json.loads(json.dumps(config["params"]))):
+        expected = "work with the same policies, tasks, options and constants (or --overwrite)"
+        raise InvalidInputError("resume", str(options.out), expected)
+    rows = read_episodes(options.out, summary, {name: name for name in options.names}, "resume")
+    console = make_console()
+    print_results(console, summary)
+    console.print("0 episodes: this run is finished")
+    code = draw(options, rows, summary, params, suite, console, missing=True)
     print_comparisons(console, summary)
-    return 0
+    return code
 
 
 def _shards(
@@ -154,9 +174,9 @@ def _stop(
     rows = {name: store.rows(name) for name in options.names}
     with suppress(OSError):  # on a full disk finished shards have to do
         summary = build_summary(config, rows, {}, params, options.command, complete=False)
-        store.write(rows, summary, complete=False)
-    kept = f"in {options.out}: --resume goes on from there" if options.out else "lost (no --out)"
-    print(f"{why}: {store.done} finished episodes are {kept}", file=sys.stderr)
+        store.write(rows, summary)
+    kept = f"in {options.out}: --resume continues from there" if options.out else "lost (no --out)"
+    complain(f"{why}: {store.done} finished episodes are {kept}")
     return code
 
 
@@ -166,7 +186,7 @@ def _print_errors(console: Console, name: str, rows: Any) -> None:
     if wrong:
         more = f" and {len(wrong) - 1:,} more" if len(wrong) > 1 else ""
         text = f"{name}: error on task {wrong[0]['task']}{more}: {wrong[0]['error']}"
-        console.print(text, soft_wrap=True, markup=False)
+        console.print(text, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -12,10 +12,10 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from evaluate.command import console as make_console
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from snake_env.kernel.blocks import clock_of, constants_of
@@ -42,7 +42,7 @@ _POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+s
 
 def main() -> None:
     """Measures everything and prints it."""
-    console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+    console = make_console()
     console.print(
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, one thread used"
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import os
 import resource
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,9 +18,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 
+from evaluate.command import console as make_console
 from snake_env import set_num_threads
 
 _ID = "snake_env:SnakeModeSelection-v0"
@@ -127,7 +126,7 @@ def _peak_mib() -> float:
 
 def plot(path: Path) -> None:
     """Draws steps/s against the number of envs."""
-    from matplotlib.figure import Figure
+    from evaluate.figures import Figure
 
     figure = Figure(figsize=(7, 4), layout="constrained")
     ax = figure.subplots()
@@ -154,7 +153,7 @@ def plot(path: Path) -> None:
 def main() -> None:
     """Measures and prints."""
     options = tyro.cli(Options, prog="python -m evaluate.bench_vector", description=__doc__)
-    console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+    console = make_console()
     rows = compare()
     title = "vector env, random valid modes"
     table = Table(title=title, title_justify="left", title_style="bold")

@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 from collections.abc import Callable
+from typing import Any
 
 from rich.console import Console
+from rich.text import Text
 
 from snake_env import interrupts
-from snake_env.errors import SnakeEnvError
+from snake_env.errors import SnakeEnvError, escaped, printable
 
 CLOSED_PIPE = 141  # what a shell reports of a program that SIGPIPE ended
 
 
-class _Console(Console):
+class PlainConsole(Console):
+    """Prints texts as they are: a name or a path is no markup, and a terminal obeys nothing in it."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, emoji=False, markup=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """A text as what is printed."""
+        return super().render_str(escaped(text), **options)
+
     def on_broken_pipe(self) -> None:
         """Leaves it to :func:`exit_code`; rich itself ends with 1."""
         raise
 
 
-def console() -> Console:
+def console() -> PlainConsole:
     """Where results are printed: 100 columns where there is no terminal."""
-    return _Console(width=None if sys.stdout.isatty() else 100, highlight=False, emoji=False)
+    return PlainConsole(width=None if sys.stdout.isatty() else 100)
+
+
+def complain(text: str) -> None:
+    """Says in one line what is wrong."""
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> int:
@@ -37,9 +54,10 @@ def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> i
         The command's own exit code; 2: it was given something that it can't use; 1: the system refused
         something; 130: interrupted; 141: whoever read the output has gone.
     """
+    _open_streams()
 
     def told() -> int:
-        print(interrupted, file=sys.stderr)
+        complain(interrupted)
         return interrupts.INTERRUPTED
 
     return interrupts.guarded(lambda: _without_traceback(command), told)
@@ -51,15 +69,31 @@ def _without_traceback(command: Callable[[], int]) -> int:
         sys.stdout.flush()
         return code
     except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
+        complain(f"error: {error}")
         return 2
     except BrokenPipeError:
         _forget_stdout()
         return CLOSED_PIPE
+    except MemoryError as error:
+        complain(f"error: not enough memory ({error or 'none is left'}): ask for less at once")
+        return 1
     except OSError as error:
         _forget_stdout()
-        print(f"error: {error}", file=sys.stderr)
+        complain(f"error: {error}")
         return 1
+
+
+def _open_streams() -> None:
+    """Gives a command that was started without standard streams (``>&-``) some that lead nowhere.
+
+    Otherwise the next file that is opened would take their numbers, and what is printed would go there.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # whatever the terminal's alphabet is
 
 
 def _forget_stdout() -> None:

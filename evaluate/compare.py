@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-import json
+import errno
+import math
+import os
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,13 +17,16 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
+from evaluate.files import FileError, read_json
+from evaluate.folder import held
 from evaluate.protocol import Row
 from evaluate.rows import Rows, pack, parsed
-from evaluate.store import PARTIAL, new_folder, write_results
+from evaluate.statistics import summarise
+from evaluate.store import LAYOUT, write_results
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from snake_env.envs.slip import check_slip
-from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.errors import InvalidInputError, SnakeEnvError, as_finite
 from snake_env.params import SnakeParams
 
 _PACKED_AT_ONCE = 1000  # rows
@@ -50,6 +55,8 @@ class CompareOptions:
         for folder in self.folders:
             if times[folder.resolve()] > 1:
                 raise InvalidInputError("DIR", str(folder), "each folder once")
+        if self.out is not None and self.out.resolve() in times:
+            raise InvalidInputError("out", str(self.out), "none of the folders that are compared")
         if self.out is None and self.overwrite:
             raise InvalidInputError("out", None, "a folder, to go with --overwrite")
 
@@ -77,8 +84,8 @@ def compare_folders(options: CompareOptions, console: Console) -> int:
     for name, figures in summary["policies"].items():
         figures["decision_latency_us"] = latencies[name]
     if options.out is not None:
-        new_folder(options.out, overwrite=options.overwrite)
-        write_results(options.out, rows, summary)
+        with held(options.out, LAYOUT, overwrite=options.overwrite):
+            write_results(options.out, rows, summary)
     print_results(console, summary)
     if options.out is not None:
         console.print(f"results: {options.out}/", soft_wrap=True)
@@ -97,38 +104,51 @@ def _names(summaries: Mapping[Path, Any]) -> dict[Path, dict[str, str]]:
     }
 
 
-def read_summary(folder: Path) -> dict[str, Any]:
+def read_summary(folder: Path, field: str = "DIR") -> dict[str, Any]:
     """The ``summary.json`` of a finished run.
+
+    Args:
+        folder: The run's folder.
+        field: What an error calls it.
 
     Raises:
         InvalidInputError: There is none, the run is not finished, or it is no such file.
     """
-    path = folder / "summary.json"
-    if (folder / PARTIAL).exists():
-        raise InvalidInputError("DIR", str(folder), "a finished run (--resume finishes it)")
+    path = folder / LAYOUT.done
+    if LAYOUT.found(folder) == "begun":
+        raise InvalidInputError(field, str(folder), "a finished run (--resume finishes it)")
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        for key, kinds in (("name", str), ("n", int), ("hash", str)):
-            if not isinstance(summary["tasks"][key], kinds):
-                raise ValueError(f"tasks.{key} is {summary['tasks'][key]!r}")
-        SnakeParams().replace(**summary["params"])
-        str(summary["preset"])
-        check_slip(summary["slip"])
-        if not summary["policies"]:
-            raise ValueError("no policies")
-        for figures in summary["policies"].values():
-            int(figures["success"])
-            for key in ("p50", "p95", "p99"):
-                value = figures["decision_latency_us"][key]
-                if not isinstance(value, float | int | None):
-                    raise ValueError(f"{key} is {value!r}")
-    except OSError as error:
-        expected = f"a result folder ({path.name}: {error.strerror})"
-        raise InvalidInputError("DIR", str(folder), expected) from None
+        summary = read_json(path)
+        _check_summary(summary)
+    except FileError as error:
+        if not path.exists():
+            expected = f"a result folder ({path.name}: {error})"
+            raise InvalidInputError(field, str(folder), expected) from None
+        raise InvalidInputError(field, str(path), f"the summary of a run ({error})") from None
     except (ValueError, TypeError, LookupError, AttributeError, SnakeEnvError) as error:
         expected = f"the summary of a run ({type(error).__name__}: {error})"
-        raise InvalidInputError("DIR", str(path), expected) from None
+        raise InvalidInputError(field, str(path), expected) from None
     return summary  # type: ignore[no-any-return]
+
+
+def _check_summary(summary: Any) -> None:
+    """Raises an error of Python's or ours unless it is what a run writes."""
+    for key, kind in (("name", str), ("n", int), ("hash", str)):
+        if type(summary["tasks"][key]) is not kind:
+            raise ValueError(f"tasks.{key} is {summary['tasks'][key]!r}")
+    SnakeParams().replace(**summary["params"])
+    for key, kind in (("preset", str), ("command", str), ("policies", dict)):
+        if type(summary[key]) is not kind:
+            raise ValueError(f"{key} is {summary[key]!r}")
+    check_slip(summary["slip"])
+    if not summary["policies"]:
+        raise ValueError("no policies")
+    for figures in summary["policies"].values():
+        for key in ("p50", "p95", "p99"):
+            value = figures["decision_latency_us"][key]
+            latency = 0.0 if value is None else as_finite(value)
+            if latency is None or latency < 0.0:
+                raise ValueError(f"{key} is {value!r}")
 
 
 def check_same(first: Path, one: Mapping[str, Any], folder: Path, other: Mapping[str, Any]) -> None:
@@ -152,21 +172,22 @@ def check_same(first: Path, one: Mapping[str, Any], folder: Path, other: Mapping
 
 
 def read_episodes(
-    folder: Path, summary: Mapping[str, Any], names: Mapping[str, str]
+    folder: Path, summary: Mapping[str, Any], names: Mapping[str, str], field: str = "DIR"
 ) -> dict[str, Rows]:
     """The episodes of a finished run, by policy.
 
     Args:
         folder: The run's folder.
         summary: Its summary.
-        names: What its policies shall be called.
+        names: What its policies are to be called.
+        field: What an error calls the folder.
 
     Raises:
         InvalidInputError: ``episodes.csv`` is damaged, or does not fit the summary.
     """
     path = folder / "episodes.csv"
     packed: dict[str, list[Any]] = {policy: [] for policy in names}
-    reader = _parsed_rows(path, names)
+    reader = _parsed_rows(path, names, field)
     while block := list(islice(reader, _PACKED_AT_ONCE)):
         for policy in dict.fromkeys(row["policy"] for row in block):
             own = (row | {"policy": names[policy]} for row in block if row["policy"] == policy)
@@ -174,17 +195,19 @@ def read_episodes(
     rows = {}
     for policy, parts in packed.items():
         own_rows = Rows(parts)
-        _check_whole(path, policy, own_rows, summary)
+        _check_figures(path, policy, own_rows, summary, field)
         rows[names[policy]] = own_rows
     return rows
 
 
-def _parsed_rows(path: Path, names: Mapping[str, str]) -> Iterator[Row]:
+def _parsed_rows(path: Path, names: Mapping[str, str], field: str) -> Iterator[Row]:
     try:
+        if not path.is_file():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         file = path.open(newline="", encoding="utf-8")
     except OSError as error:
         expected = f"a result folder ({path.name}: {error.strerror})"
-        raise InvalidInputError("DIR", str(path.parent), expected) from None
+        raise InvalidInputError(field, str(path.parent), expected) from None
     with file:
         reader = csv.DictReader(file, strict=True)
         try:
@@ -195,15 +218,40 @@ def _parsed_rows(path: Path, names: Mapping[str, str]) -> Iterator[Row]:
                 yield row
         except (ValueError, TypeError, csv.Error) as error:
             expected = f"the episodes of a run (line {reader.line_num}: {error})"
-            raise InvalidInputError("DIR", str(path), expected) from None
+            raise InvalidInputError(field, str(path), expected) from None
 
 
-def _check_whole(path: Path, policy: str, rows: Rows, summary: Mapping[str, Any]) -> None:
-    n, success = summary["tasks"]["n"], summary["policies"][policy]["success"]
-    if rows.column("task").tolist() != list(range(n)):
+def _check_figures(
+    path: Path, policy: str, rows: Rows, summary: Mapping[str, Any], field: str
+) -> None:
+    """Raises InvalidInputError unless the summary's figures of a policy follow from its episodes."""
+    n = summary["tasks"]["n"]
+    if len(rows) != n or rows.column("task").tolist() != list(range(n)):
         expected = f"one row for each of {n:,} tasks; {policy} has {len(rows):,} rows"
-        raise InvalidInputError("DIR", str(path), expected)
-    solved = int((rows.column("outcome") == "success").sum())
-    if solved != success:
-        expected = f"{success:,} successes of {policy}, as its summary says; it has {solved:,}"
-        raise InvalidInputError("DIR", str(path), expected)
+        raise InvalidInputError(field, str(path), expected)
+    params = SnakeParams().replace(**summary["params"])
+    follow, given = summarise(rows, (), params), summary["policies"][policy]
+    for key, value in follow.items():
+        if key != "decision_latency_us" and not _same(given.get(key), value):
+            reason = f"{key} of {policy} is {given.get(key)!r}; its episodes give {value!r}"
+            raise InvalidInputError(field, str(path.parent), f"figures of its episodes ({reason})")
+
+
+def _same(given: Any, follows: Any) -> bool:
+    """Whether two figures are equal, but for the last digits of sums."""
+    if isinstance(follows, dict):
+        return (
+            isinstance(given, dict)
+            and given.keys() == follows.keys()
+            and all(_same(given[key], follows[key]) for key in follows)
+        )
+    if isinstance(follows, list):
+        return (
+            isinstance(given, list)
+            and len(given) == len(follows)
+            and all(map(_same, given, follows))
+        )
+    if isinstance(follows, float):
+        number = as_finite(given)
+        return number is not None and math.isclose(number, follows, rel_tol=1e-9, abs_tol=1e-12)
+    return type(given) is type(follows) and bool(given == follows)

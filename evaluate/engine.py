@@ -21,6 +21,7 @@ import tyro
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
+from evaluate.command import complain
 from snake_env import interrupts
 from snake_env.errors import (
     InvalidInputError,
@@ -151,7 +152,7 @@ class Engine:
                     reason = str(problem).split("\n", 1)[0]
                     raise WorkerLostError(f"workers died {losses} times: {reason}") from None
                 begun = len(queue.begun)
-                print(f"a worker died: {begun} shards are begun again", file=sys.stderr)
+                complain(f"a worker died: {begun} shards are begun again")
 
     def _count(self) -> int:
         """How many workers there will be."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, TextIO
+from typing import Any
 
+from evaluate.files import FileError, atomic_writer, read_json, write_atomically
 from snake_env.errors import InvalidInputError
+
+_SAME = "work with the same policies, tasks, options and constants (or --overwrite)"
+_LONGEST_LINE = 64 * 2**20  # characters of a finished piece
 
 
 class Journal:
@@ -21,14 +21,11 @@ class Journal:
         path: The file.
         config: What decides the results; work that is resumed must have the same.
         resume: Whether to go on with the work in the file; otherwise it begins anew.
-        take: Gets each finished piece that the file held, with a ValueError for one it can't use;
-            default: they are kept in ``entries``.
-
-    Attributes:
-        entries: The finished pieces that the file held.
+        take: Gets each finished piece that the file held; raises what Python does about bad values
+            where it can't use one.
 
     Raises:
-        InvalidInputError: There is nothing to resume, another work, or a piece that can't be used.
+        InvalidInputError: It is another work that would be resumed, or a piece can't be used.
     """
 
     def __init__(
@@ -37,17 +34,14 @@ class Journal:
         config: dict[str, Any],
         *,
         resume: bool,
-        take: Callable[[Any], None] | None = None,
+        take: Callable[[Any], None],
     ) -> None:
         self._path = path
-        self.entries: list[dict[str, Any]] = []
         header = json.dumps({"config": config})
-        if not resume:
+        if resume:
+            self._restore(header, take)
+        else:
             write_atomically(path, header + "\n")
-            return
-        if not path.is_file():
-            raise InvalidInputError("resume", str(path.parent), "a folder with an interrupted run")
-        self._restore(header, take or self.entries.append)
 
     def append(self, entry: dict[str, Any]) -> None:
         """Takes a finished piece."""
@@ -64,68 +58,42 @@ class Journal:
             self._path.open(encoding="utf-8", errors="replace") as lines,
             atomic_writer(self._path) as whole,
         ):
-            if lines.readline().rstrip("\n") != header:
-                expected = "work with the same policies, tasks, options and constants"
-                raise InvalidInputError("resume", str(self._path.parent), expected)
+            if lines.readline(_LONGEST_LINE).rstrip("\n") != header:
+                raise InvalidInputError("resume", str(self._path.parent), _SAME)
             whole.write(header + "\n")
-            for number, line in enumerate(lines, start=2):
+            number = 1
+            while line := lines.readline(_LONGEST_LINE):
+                number += 1
                 try:
                     entry = json.loads(line)
-                except ValueError:
+                except (ValueError, RecursionError):
                     continue  # it is begun again
                 try:
                     take(entry)
-                except (ValueError, TypeError, LookupError, AttributeError):
+                except (ValueError, TypeError, LookupError, AttributeError, OverflowError):
                     raise InvalidInputError(
                         f"resume: line {number} of {self._path}",
                         line.rstrip("\n"),
-                        "a finished piece of this work (--overwrite begins anew)",
+                        "a finished piece of this work (or --overwrite to begin again)",
                     ) from None
                 whole.write(line.rstrip("\n") + "\n")
 
 
-def writable_folder(folder: Path) -> None:
-    """Makes a folder where there is none yet.
+def check_finished(path: Path, config: dict[str, Any]) -> None:
+    """Finds out whether finished work is the one that is asked for.
+
+    Args:
+        path: A file of JSON with the work's config.
+        config: What decides the results.
 
     Raises:
-        InvalidInputError: It can't be made, or not written to.
+        InvalidInputError: It is another work, or the file is damaged.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        expected = f"a folder to write to ({error.strerror})"
-        raise InvalidInputError("out", str(folder), expected) from None
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Writes a file so that a reader sees the old one or the whole new one."""
-    data = content.encode() if isinstance(content, str) else content
-    with _replacing(path) as file:
-        file.write(data)
-
-
-@contextmanager
-def atomic_writer(path: Path) -> Iterator[TextIO]:
-    """A text file to write to, which takes the place of the old one when it is complete."""
-    with (
-        _replacing(path) as file,
-        io.TextIOWrapper(file, encoding="utf-8", newline="") as text,
-    ):
-        yield text
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[IO[bytes]]:
-    file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
-        "wb", dir=path.parent, delete=False
-    )
-    try:
-        with file:
-            yield file
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except BaseException:
-        Path(file.name).unlink(missing_ok=True)
-        raise
+        there = read_json(path)
+        same = all(there[key] == value for key, value in json.loads(json.dumps(config)).items())
+    except (FileError, TypeError, LookupError) as error:
+        expected = f"finished work ({path.name}: {error})"
+        raise InvalidInputError("resume", str(path.parent), expected) from None
+    if not same:
+        raise InvalidInputError("resume", str(path.parent), _SAME)

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from evaluate.deadline import DecisionTimeoutError, within
-from evaluate.outside import make_policy
+from evaluate.outside import make_policy, staying
 from evaluate.protocol import SKID, Row
 from evaluate.replay import floor_of, modes_of
 from snake_env.params import SnakeParams
@@ -44,7 +44,7 @@ def measure_latencies(
         decision_timeout_s: What a decision may take [s]; None: any time.
     """
     durations: dict[str, list[float]] = {name: [] for name in rows}
-    with threadpool_limits(1):
+    with threadpool_limits(1), staying():
         turns = {
             name: _decide_again(name, own, suite, params, decision_timeout_s)
             for name, own in rows.items()

@@ -19,7 +19,7 @@ from evaluate.deadline import check_limit
 from evaluate.engine import Engine
 from evaluate.outside import is_outside
 from snake_env.envs.slip import NO_SLIP, check_slip
-from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.errors import InvalidInputError, SnakeEnvError, escaped
 from snake_env.params import SnakeParams
 
 Assignments = tyro.conf.UseAppendAction[
@@ -101,6 +101,9 @@ class Options:
         """
         if not self.names:
             raise InvalidInputError("POLICY", self.names, "at least one policy")
+        for option, name in [("tasks", self.tasks), *(("POLICY", name) for name in self.names)]:
+            if escaped(name) != name or "\n" in name:
+                raise InvalidInputError(option, name, "a name without control characters")
         for position, name in enumerate(self.names):
             if name in self.names[:position]:
                 raise InvalidInputError("POLICY", name, "each policy once")
@@ -133,6 +136,7 @@ def parse(
     prog: str,
     args: Sequence[str] | None = None,
     default: T | None = None,
+    about: str = "",
 ) -> T:
     """Options from the command line; help goes to the terminal as tyro makes it.
 
@@ -141,6 +145,7 @@ def parse(
         prog: The command's name.
         args: The command line; default: the process's own.
         default: Values of the options that are not given; default: the dataclass's own.
+        about: What the help says beside the dataclass's docstring.
 
     Raises:
         OptionError: An option does not exist or its value has the wrong type.
@@ -151,7 +156,7 @@ def parse(
             return tyro.cli(
                 options,
                 prog=prog,
-                description=inspect.getdoc(options),
+                description="\n\n".join(filter(None, [inspect.getdoc(options), about])),
                 args=args,
                 default=default,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),

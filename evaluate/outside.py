@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
-from snake_env.errors import InvalidInputError, as_integer
+from snake_env.errors import InvalidInputError, as_integer, printable
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.registry import POLICIES, SHIELD, load_policy
@@ -38,12 +41,29 @@ def make_policy(name: str, params: SnakeParams) -> Policy:
     if name.endswith(SHIELD):
         return ShieldedPolicy(make_policy(name.removesuffix(SHIELD), params), params)
     module, _, factory = name.partition(":")
-    return _checked(name, _call(name, _import(name, module), factory, params))
+    with staying():
+        return _checked(name, _call(name, _import(name, module), factory, params))
+
+
+@contextmanager
+def staying() -> Iterator[None]:
+    """Ends in the folder that it began in, wherever a policy has gone: relative paths begin there."""
+    here = None
+    with suppress(FileNotFoundError):  # the folder is gone
+        here = os.getcwd()
+    try:
+        yield
+    finally:
+        if here is not None:
+            os.chdir(here)
 
 
 def in_one_line(problem: BaseException) -> str:
     """An exception's type and message."""
-    return " ".join(f"{type(problem).__name__}: {problem}".split())
+    try:
+        return printable(f"{type(problem).__name__}: {problem}")
+    except Exception:  # its text is its author's
+        return type(problem).__name__
 
 
 def _import(name: str, module: str) -> Any:

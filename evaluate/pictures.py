@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-import matplotlib.ticker
 import numpy as np
-from matplotlib.figure import Figure
 
-from evaluate.protocol import SKID, Row, Shard, run_shard
+from evaluate.figures import Figure, matplotlib, save, style
+from evaluate.files import file_name
+from evaluate.protocol import Row, Shard, chooses_modes, run_shard
 from evaluate.replay import Replay, replay, slip_of
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
@@ -46,28 +44,27 @@ _FRAMES = 8
 _MARGIN = 0.12  # around the robot [m]
 
 
-def draw_all(folder: Path, rows: Mapping[str, Sequence[Row]], params: SnakeParams) -> None:
+def draw_all(
+    folder: Path,
+    rows: Mapping[str, Sequence[Row]],
+    params: SnakeParams,
+    decision_timeout_s: float | None = None,
+) -> None:
     """Draws each policy's Fig. 4, and Fig. 5 and the filmstrip for the first that chooses modes."""
-    with matplotlib.rc_context(_STYLE):
+    with style(_STYLE):
         for policy, own in rows.items():
-            file = f"fig4-{file_name(policy)}.png"
-            figure_4(policy, own, params).savefig(folder / file)
-        choosing = [policy for policy in rows if policy != SKID]
+            save(figure_4(policy, own, params), folder / f"fig4-{file_name(policy)}.png")
+        choosing = [policy for policy in rows if chooses_modes(policy)]
         if choosing and _has_sim_1(params):
             policy = choosing[0]
             state = load_tasks("sim-1", params).initial(0, params)
             slip = slip_of(rows[policy][0])
-            row = run_shard(Shard(policy, [0], [state], params, slip=slip))[0]
+            row = run_shard(Shard(policy, [0], [state], params, decision_timeout_s, slip))[0]
             if row["modes"]:
                 played = replay(row, state, params)
                 name = file_name(policy)
-                figure_5(policy, played, params).savefig(folder / f"sim-1-traces-{name}.png")
-                filmstrip(policy, played, params).savefig(folder / f"sim-1-film-{name}.png")
-
-
-def file_name(policy: str) -> str:
-    """A policy's name or path as part of a file's name."""
-    return re.sub(r"[^\w.+=,-]+", "-", policy.removesuffix(".safetensors")).strip("-.")
+                save(figure_5(policy, played, params), folder / f"sim-1-traces-{name}.png")
+                save(filmstrip(policy, played, params), folder / f"sim-1-film-{name}.png")
 
 
 def _has_sim_1(params: SnakeParams) -> bool:
@@ -112,7 +109,7 @@ def figure_4(policy: str, rows: Sequence[Row], params: SnakeParams) -> Figure:
     figure.legend(*axes[2].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     figure.suptitle(
         f"{policy}: {solved.sum()} of {len(rows)} tasks solved (compare Fig. 4 of the paper)",
-        x=0.01, ha="left", fontsize=11,
+        x=0.01, ha="left", fontsize=11, parse_math=False,
     )  # fmt: skip
     return figure
 
@@ -160,7 +157,7 @@ def figure_5(policy: str, played: Replay, params: SnakeParams) -> Figure:
     last.legend(ncols=3, loc="upper right")
     figure.suptitle(
         f"sim-1 by {policy} (compare Fig. 5): broken lines are limits, dotted lines targets",
-        x=0.01, ha="left", fontsize=11,
+        x=0.01, ha="left", fontsize=11, parse_math=False,
     )  # fmt: skip
     return figure
 
@@ -231,8 +228,9 @@ def filmstrip(policy: str, played: Replay, params: SnakeParams) -> Figure:
         ax.set_visible(False)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=6)
     figure.suptitle(
-        f"sim-1 by {policy}: the head stays where it is (axes in m)", x=0.01, ha="left", fontsize=11
-    )
+        f"sim-1 by {policy}: the head stays where it is (axes in m)",
+        x=0.01, ha="left", fontsize=11, parse_math=False,
+    )  # fmt: skip
     return figure
 
 

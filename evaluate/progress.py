@@ -19,6 +19,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from snake_env.errors import escaped
+
 _LINE_EVERY_S = 5.0
 
 
@@ -29,21 +31,32 @@ class Advance(Protocol):
         """Adds ``count`` units of the kind ``label``."""
 
 
+class _LabelColumn(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        return Text(escaped(task.description))  # a name, not markup
+
+
 class _RateColumn(ProgressColumn):
     def render(self, task: Task) -> Text:
         return Text(f"{task.speed or 0.0:.0f}/s", style="progress.data.speed")
 
 
 @contextmanager
-def progress(console: Console, total: int, unit: str) -> Iterator[Advance]:
+def progress(console: Console, total: int, unit: str, before: int = 0) -> Iterator[Advance]:
     """Shows how far ``total`` units of work have come, at which rate, and the time left.
+
+    Args:
+        console: Where to.
+        total: Units of work.
+        unit: What they are called.
+        before: Units that were done before; they say nothing about the rate.
 
     Yields:
         A function that takes a label and the number of units just finished.
     """
     if console.is_terminal:
         bar = Progress(
-            TextColumn("{task.description}"),
+            _LabelColumn(),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn(unit),
@@ -53,11 +66,11 @@ def progress(console: Console, total: int, unit: str) -> Iterator[Advance]:
             transient=True,
         )
         with bar:
-            task = bar.add_task("", total=total)
+            task = bar.add_task("", total=total, completed=before)
             yield lambda label, count: bar.update(task, advance=count, description=label)
         return
     began = last = time.monotonic()
-    done = 0
+    done = before
 
     def line(label: str, count: int) -> None:
         nonlocal done, last
@@ -65,7 +78,7 @@ def progress(console: Console, total: int, unit: str) -> Iterator[Advance]:
         now = time.monotonic()
         if now - last >= _LINE_EVERY_S and done < total:
             last = now
-            rate = done / (now - began)
+            rate = (done - before) / (now - began)
             left = (total - done) / rate
             console.print(f"{label}: {done}/{total} {unit}, {rate:.0f}/s, {left:.0f} s left")
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from evaluate.deadline import DecisionTimeoutError, within
-from evaluate.outside import in_one_line, make_policy
+from evaluate.outside import in_one_line, make_policy, staying
 from snake_env.envs.slip import NO_SLIP, Floor, Slip
-from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
@@ -22,6 +22,15 @@ from snake_env.state import SnakeState
 
 SKID = "skid"
 """Not a choice of modes, but evaluated on the same tasks."""
+
+
+def chooses_modes(policy: str) -> bool:
+    """Whether a policy can be compared with the others: skidding does something else.
+
+    A comparison of folders may have added the folder to its name.
+    """
+    return policy.partition(" (")[0] != SKID
+
 
 Row = dict[str, Any]
 """An episode as a row of ``episodes.csv``."""
@@ -73,6 +82,11 @@ def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> None:
 
 def run_shard(shard: Shard) -> list[Row]:
     """Runs a shard's episodes in order: one row per task."""
+    with staying():
+        return _rows_of(shard)
+
+
+def _rows_of(shard: Shard) -> list[Row]:
     rows: list[Row] = []
     policy = None if shard.policy == SKID else make_policy(shard.policy, shard.params)
     for task, state in zip(shard.tasks, shard.states, strict=True):
@@ -119,7 +133,7 @@ def run_episode(
     floor = Floor(slip, seed, params)
     modes: list[int] = []
     error = ""
-    rollouts_before = policy.rollouts
+    rollouts_before = _rollouts(policy)
     try:
         within(decision_timeout_s, policy.reset, seed)
         while not episode.outcome:
@@ -134,9 +148,14 @@ def run_episode(
     except (Exception, SystemExit, DecisionTimeoutError) as problem:
         episode.end("error")
         error = _told(problem)
+    try:
+        rollouts = _rollouts(policy) - rollouts_before
+    except Exception as problem:
+        episode.end("error")
+        error, rollouts = error or _told(problem), 0
     return {
         **dataclasses.asdict(episode.summary()),
-        "rollouts": policy.rollouts - rollouts_before,
+        "rollouts": rollouts,
         "slip_m": slip[0],
         "slip_rad": slip[1],
         "modes": " ".join(map(str, modes)),
@@ -144,9 +163,16 @@ def run_episode(
     }
 
 
+def _rollouts(policy: Policy) -> int:
+    rollouts = as_integer(policy.rollouts)
+    if rollouts is None:
+        raise TypeError(f"rollouts is {policy.rollouts!r}, not an integer")
+    return rollouts
+
+
 def _told(problem: BaseException) -> str:
-    """What went wrong, as a short text that any file can hold."""
-    text = in_one_line(problem).encode(errors="backslashreplace").decode()
+    """What went wrong, as a short text that any file can hold and any terminal can show."""
+    text = in_one_line(problem)
     return text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
 
 

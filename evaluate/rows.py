@@ -14,6 +14,9 @@ from snake_env.sim.episode import OUTCOMES, EpisodeSummary
 
 _KINDS: dict[Any, type] = {"int": np.int64, "float": np.float64}  # texts are references
 _READ: dict[Any, Any] = {"int": int, "float": float}
+_PYTHON: dict[Any, Any] = {"int": int, "float": (float, int), "str": str}
+_NOT_NEGATIVE = ("task", "intervals", "time_s", "phase", "rollouts", "slip_m", "slip_rad")
+_TOO_LARGE = 2**62
 _TYPES: dict[str, Any] = {field.name: field.type for field in dataclasses.fields(EpisodeSummary)}
 _TYPES |= {"task": "int", "rollouts": "int", "slip_m": "float", "slip_rad": "float"}
 _PACKED = np.dtype([(name, _KINDS.get(_TYPES.get(name), np.object_)) for name in COLUMNS])
@@ -27,8 +30,7 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> NDArray[np.void]:
     """
     packed = []
     for row in rows:
-        if tuple(row) != COLUMNS:
-            raise ValueError(f"columns {_listed(row)} instead of {_listed(COLUMNS)}")
+        _check(row)
         packed.append(tuple(row.values()))
     try:
         return np.array(packed, dtype=_PACKED)
@@ -54,9 +56,23 @@ def parsed(texts: Mapping[str, str | None]) -> Row:
                 np.int64(row[name])
         except (ValueError, OverflowError):
             raise ValueError(f"{name} = {text!r}") from None
+    _check(row)
+    return row
+
+
+def _check(row: Mapping[str, Any]) -> None:
+    """Raises ValueError unless it is a row that an episode can have."""
+    if tuple(row) != COLUMNS:
+        raise ValueError(f"columns {_listed(row)} instead of {_listed(COLUMNS)}")
+    for name, value in row.items():
+        kind = _TYPES.get(name, "str")
+        good = isinstance(value, _PYTHON[kind]) and not isinstance(value, bool)
+        if not good or (name in _NOT_NEGATIVE and not 0 <= value < _TOO_LARGE):
+            raise ValueError(f"{name} = {value!r}")
     if row["outcome"] not in OUTCOMES:
         raise ValueError(f"outcome = {row['outcome']!r}")
-    return row
+    if not all(word.isdecimal() and len(word) < 6 for word in row["modes"].split()):
+        raise ValueError(f"modes = {row['modes']!r}")
 
 
 def _listed(columns: Iterable[object]) -> str:

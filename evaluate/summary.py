@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from evaluate.comparison import Results, compare_all, profile
-from evaluate.protocol import Row
+from evaluate.protocol import Row, chooses_modes
 from evaluate.seeds import seed_entries
 from evaluate.statistics import summarise
 from snake_env.params import SnakeParams
@@ -32,13 +32,14 @@ def build_summary(
         latencies: Durations of decisions by policy [us], where they were measured.
         params: The constants.
         command: What makes these results.
-        complete: Whether every policy has finished every task: only then are they compared.
+        complete: Whether every policy has finished every task: only then are they compared, but for
+            ``skid``, which does something else.
     """
     policies = {
         name: summarise(own, latencies.get(name, ()), params) for name, own in rows.items() if own
     }
-    compared = rows if complete else {}
-    results = {name: Results.of(own, params.horizon_s) for name, own in compared.items()}
+    compared = [name for name in rows if chooses_modes(name)] if complete else []
+    results = {name: Results.of(rows[name], params.horizon_s) for name in compared}
     return {
         "policies": policies,
         "comparisons": compare_all(results) if results else [],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
 
 from evaluate.statistics import wilson95
@@ -58,7 +57,7 @@ def _table(*columns: str) -> Table:
     table = Table(padding=(0, 1, 0, 0), box=None)
     table.add_column("policy", style="bold", no_wrap=True)
     for column in columns:
-        table.add_column(escape(column), justify="right", no_wrap=" " not in column)
+        table.add_column(column, justify="right", no_wrap=" " not in column)
     return table
 
 

@@ -13,13 +13,13 @@ from evaluate.table import failure_lines, result_tables
 def print_results(where: Console, summary: dict[str, Any]) -> None:
     """Prints the tables, and which failures there were."""
     for title, table in result_tables(summary):
-        where.print(title, style="bold", soft_wrap=True, markup=False)
+        where.print(title, style="bold", soft_wrap=True)
         where.print(table)
     for line in failure_lines(summary):
-        where.print(line, soft_wrap=True, markup=False)
+        where.print(line, soft_wrap=True)
 
 
 def print_comparisons(where: Console, summary: dict[str, Any]) -> None:
     """Prints what the comparisons say."""
     for sentence in sentences(summary):
-        where.print(sentence, soft_wrap=True, markup=False)
+        where.print(sentence, soft_wrap=True)

@@ -13,7 +13,7 @@ from evaluate.protocol import Row
 from evaluate.report.episodes import Choice, fastest_other, that_choose
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
-from snake_env.errors import InvalidInputError
+from snake_env.errors import InvalidInputError, printable
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import INK, geometry
 from snake_env.rendering.painter import HEIGHT, WIDTH, Painter
@@ -50,6 +50,9 @@ def write_videos(
     rows: Mapping[str, Sequence[Row]],
     params: SnakeParams,
     suite: TaskSuite,
+    decision_timeout_s: float | None = None,
+    *,
+    missing: bool = False,
 ) -> list[Path]:
     """Writes ``video-TASK.mp4`` or ``.gif`` for each task: the first policy, and the fastest other.
 
@@ -60,12 +63,18 @@ def write_videos(
         rows: Their episodes, by task.
         params: The constants.
         suite: The tasks.
+        decision_timeout_s: What a decision may take [s]; None: any time.
+        missing: Whether videos that are there already stay.
 
     Returns:
-        The files.
+        The files that are written.
     """
+    first_simulation = sim_1(rows, params, suite, decision_timeout_s)
     return [
-        _write(folder, episode, params) for episode in _wanted(wish, policies, rows, params, suite)
+        _write(folder / name, episode, params)
+        for episode in _wanted(wish, policies, rows, params, suite, first_simulation)
+        for name in [f"video-{episode.name.replace(' ', '-')}"]
+        if not (missing and any(folder.glob(f"{name}.*")))
     ]
 
 
@@ -75,8 +84,8 @@ def _wanted(
     rows: Mapping[str, Sequence[Row]],
     params: SnakeParams,
     suite: TaskSuite,
+    first_simulation: list[Replayed],
 ) -> list[Replayed]:
-    first_simulation = sim_1(rows, params, suite)
     if wish == DEFAULT:
         episodes = collect(policies, rows, params, suite)
         return first_simulation + [e for e in episodes if e.choice.group == "Typical"]
@@ -94,7 +103,7 @@ def _wanted(
     return wanted
 
 
-def _write(folder: Path, episode: Replayed, params: SnakeParams) -> Path:
+def _write(name: Path, episode: Replayed, params: SnakeParams) -> Path:
     shown = dict.fromkeys((episode.choice.left, episode.choice.right))
     motions = {policy: motion_of(episode.rows[policy], episode.state, params) for policy in shown}
     longest = max(len(motion.phi) for motion in motions.values()) * params.dt
@@ -109,9 +118,9 @@ def _write(folder: Path, episode: Replayed, params: SnakeParams) -> Path:
             painter.widen(geometry(scene.phi, scene.w, params).outline)
     count = max(map(len, sides.values()))
     frames = (_frame(painter, sides, k) for k in range(count))
-    path = folder / f"video-{episode.name.replace(' ', '-')}.gif"
+    path = name.with_name(f"{name.name}.gif")
     if importlib.util.find_spec("imageio_ffmpeg") is not None:
-        path = path.with_suffix(".mp4")
+        path = name.with_name(f"{name.name}.mp4")
         _save_mp4(frames, (WIDTH * len(sides), HEIGHT + _STRIP), path)
         return path
     palette = painter.quantized([_frame(painter, sides, count // 2)])[0]
@@ -157,7 +166,13 @@ def _frame(painter: Painter, sides: Mapping[str, Sequence[Scene]], k: int) -> Im
     pen = ImageDraw.Draw(frame)
     font = ImageFont.load_default(18)
     for column, (policy, scenes) in enumerate(sides.items()):
-        pen.text((WIDTH * column + 14, _STRIP / 2), policy, fill="white", font=font, anchor="lm")
+        pen.text(
+            (WIDTH * column + 14, _STRIP / 2),
+            printable(policy),
+            fill="white",
+            font=font,
+            anchor="lm",
+        )
         frame.paste(painter.image(scenes[min(k, len(scenes) - 1)]), (WIDTH * column, _STRIP))
     return frame
 

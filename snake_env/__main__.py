@@ -108,7 +108,9 @@ def _check(options: argparse.Namespace) -> int:
     optimizer = AnalyticOptimizer(params)
     began = time.perf_counter()
     optimizer.select(state)
-    print(f"kernel ready after {time.perf_counter() - began:.2f} s (cache: {cache_folder()})")
+    print(
+        f"kernel ready after {time.perf_counter() - began:.2f} s (cache: {cache_folder() or 'none'})"
+    )
     began = time.perf_counter()
     repeats = 20
     for _ in range(repeats):

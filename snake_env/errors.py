@@ -5,10 +5,50 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+import reprlib
+import unicodedata
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+
+_LONGEST_VALUE = 80  # characters of a value in a message
+_CONTROLS = ("Cc", "Cf", "Cs", "Zl", "Zp")  # controls, invisible ones, halves of pairs, line ends
+
+
+def escaped(text: str) -> str:
+    """The text with escapes for what a terminal obeys or can't show, except for line ends."""
+    return "".join(
+        char.encode("unicode_escape").decode()
+        if unicodedata.category(char) in _CONTROLS and char != "\n"
+        else char
+        for char in text
+    )
+
+
+def printable(text: str) -> str:
+    """The text, escaped and on one line."""
+    return escaped(" ".join(text.split()))
+
+
+class _Shown(reprlib.Repr):
+    """A ``repr`` whose length and depth have a bound, whatever it is asked about."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 3
+        self.maxstring = self.maxother = self.maxlong = 4 * _LONGEST_VALUE
+        self.maxtuple = self.maxlist = self.maxdict = self.maxset = self.maxfrozenset = 40
+
+    def repr_int(self, value: int, level: int) -> str:
+        if value.bit_length() > 1000:  # Python refuses to print thousands of digits
+            return f"<an integer of {value.bit_length()} bits>"
+        return repr(value)
+
+
+def _shown(value: Any) -> str:
+    shown = printable(_Shown().repr(value))
+    return shown if len(shown) <= _LONGEST_VALUE else f"{shown[:38]}...{shown[-39:]}"
 
 
 class SnakeEnvError(Exception):
@@ -29,10 +69,7 @@ class InvalidInputError(SnakeEnvError, ValueError):
         self.field, self.value, self.expected = field, value, expected
 
     def __str__(self) -> str:
-        shown = " ".join(repr(self.value).split())
-        if len(shown) > 80:
-            shown = f"{shown[:38]}...{shown[-39:]}"
-        return f"{self.field} = {shown}: expected {self.expected}"
+        return printable(f"{self.field} = {_shown(self.value)}: expected {self.expected}")
 
 
 class UnknownNameError(SnakeEnvError, LookupError):
@@ -49,9 +86,11 @@ class UnknownNameError(SnakeEnvError, LookupError):
         super().__init__(kind, name, self.known)
 
     def __str__(self) -> str:
-        near = difflib.get_close_matches(str(self.name), self.known, n=1)
+        close = isinstance(self.name, str) and len(self.name) <= _LONGEST_VALUE
+        near = difflib.get_close_matches(self.name, self.known, n=1) if close else ()
         hint = f"did you mean {near[0]!r}? " if near else ""
-        return f"unknown {self.kind} {self.name!r}: {hint}known: {', '.join(self.known)}"
+        known = ", ".join(map(str, self.known))
+        return printable(f"unknown {self.kind} {_shown(self.name)}: {hint}known: {known}")
 
 
 def as_integer(value: Any) -> int | None:

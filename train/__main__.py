@@ -6,8 +6,8 @@ import importlib
 import sys
 from typing import Any
 
+from evaluate.command import complain, exit_code
 from evaluate.command import console as make_console
-from evaluate.command import exit_code
 from evaluate.engine import WorkerLostError
 from snake_env import interrupts
 from snake_env.errors import UnknownNameError
@@ -51,7 +51,7 @@ def _command(words: list[str]) -> int:
         else:
             module.train(options, console)
     except WorkerLostError as error:
-        print(f"error: {error}; --resume goes on with what is finished", file=sys.stderr)
+        complain(f"error: {error}; --resume continues from what is finished")
         return 1
     return 0
 

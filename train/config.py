@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
+import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import tyro
 import yaml
 
+from evaluate.files import FileError, read_text
 from evaluate.options import parse
 from snake_env.errors import InvalidInputError, UnknownNameError
 
 T = TypeVar("T")
 
 _FLAG = "--config"
+_HELP = (
+    "--config FILE.yaml: options from a file, by the names below with underscores; "
+    "the command line counts more."
+)
+_LARGEST = 2**20  # bytes of a file
+_KINDS = {bool: "true or false", int: "an integer", float: "a finite number", str: "a text"}
 
 
 def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
@@ -25,31 +36,60 @@ def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
     Raises:
         SnakeEnvError: The file can't be used, or an option.
     """
-    words = list(args)
-    given: dict[str, Any] = {}
-    if _FLAG in words:
-        at = words.index(_FLAG)
-        if at + 1 == len(words):
-            raise InvalidInputError("config", "", "a YAML file")
-        given = _read(Path(words[at + 1]))
-        del words[at : at + 2]
-    if not given:
-        return parse(options, prog, words)
-    default, used = _replace(options(), given)
+    words, files = _split(args)
+    if not files:
+        return parse(options, prog, words, about=_HELP)
+    if len(files) > 1:
+        raise InvalidInputError("config", files, "one file")
+    given = _read(Path(files[0]))
+    required = {
+        field.name: tyro.MISSING
+        for field in dataclasses.fields(options)  # type: ignore[arg-type]
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    }
+    default, used = _replace(options(**required), given)
     unknown = sorted(set(given) - used)
     if unknown:
         raise UnknownNameError("option in the config", unknown[0], _names(default))
-    return parse(options, prog, words, default)
+    return parse(options, prog, words, default, about=_HELP)
+
+
+def _split(args: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The arguments without ``--config``, and the files that it named."""
+    words, files = [], []
+    rest = iter(args)
+    for word in rest:
+        flag, equals, file = word.partition("=")
+        if flag != _FLAG:
+            words.append(word)
+            continue
+        file = file if equals else next(rest, "")
+        if not file:
+            raise InvalidInputError("config", file, "a YAML file")
+        files.append(file)
+    return words, files
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values only: what an alias stands for could grow without bound."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not read")
+        return super().compose_node(parent, index)
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInputError("config", str(path), f"a file ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidInputError("config", str(path), f"a YAML file ({reason})") from None
+        content = yaml.load(read_text(path, _LARGEST), _Loader)
+    except FileError as error:
+        raise InvalidInputError("config", str(path), f"a file ({error})") from None
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
+        expected = f"a YAML file ({error})"  # PyYAML's own errors, and those of dates and numbers
+        raise InvalidInputError("config", str(path), expected) from None
+    except RecursionError:
+        expected = "a YAML file that is not nested too deeply"
+        raise InvalidInputError("config", str(path), expected) from None
     if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
         raise InvalidInputError("config", str(path), "a mapping of options to values")
     return dict(content)
@@ -68,29 +108,54 @@ def _replace(options: Any, given: Mapping[str, Any]) -> tuple[Any, set[str]]:
     """The options with some values replaced, and the names of these."""
     changes: dict[str, Any] = {}
     used: set[str] = set()
-    types = get_type_hints(type(options))
+    hints = get_type_hints(type(options))
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
         if dataclasses.is_dataclass(value):
             changes[field.name], more = _replace(value, given)
             used |= more
         elif field.name in given:
-            changes[field.name] = _converted(
-                field.name, given[field.name], value, types[field.name]
-            )
+            changes[field.name] = _converted(field.name, given[field.name], hints[field.name])
             used.add(field.name)
     return dataclasses.replace(options, **changes), used
 
 
-def _converted(name: str, given: Any, default: Any, wanted: Any) -> Any:
-    """A value from the file as the option wants it; a default of None stands for any type."""
-    if isinstance(default, tuple) and isinstance(given, list):
-        paths = get_args(wanted)[:1] == (Path,)
-        return tuple(map(Path, given)) if paths else tuple(given)
-    if isinstance(default, float) and type(given) is int:
-        return float(given)
-    if default is None:
-        return Path(given) if isinstance(given, str) and Path in get_args(wanted) else given
-    if type(given) is not type(default):
-        raise InvalidInputError(name, given, f"a value of type {type(default).__name__}")
+def _converted(name: str, given: Any, wanted: Any) -> Any:
+    """A value from the file as an option of a type.
+
+    Raises:
+        InvalidInputError: It is none.
+    """
+    origin, arguments = get_origin(wanted), get_args(wanted)
+    if origin in (Union, types.UnionType):
+        if given is None and types.NoneType in arguments:
+            return None
+        (wanted,) = (each for each in arguments if each is not types.NoneType)
+        return _converted(name, given, wanted)
+    if origin is Annotated:
+        return _converted(name, given, arguments[0])
+    if origin is Literal:
+        if given not in arguments:
+            raise UnknownNameError(name, str(given), map(str, arguments))
+        return given
+    if origin is tuple:
+        each = arguments[0]
+        if not isinstance(given, list):
+            raise InvalidInputError(name, given, f"a list, each {_kind(each)}")
+        return tuple(_converted(f"{name}[{k}]", value, each) for k, value in enumerate(given))
+    return _plain(name, given, wanted)
+
+
+def _plain(name: str, given: Any, wanted: Any) -> Any:
+    if wanted is float and type(given) in (int, str):  # YAML takes 1e-3 for a text
+        with contextlib.suppress(ValueError, OverflowError):
+            given = float(given)
+    if wanted is Path and type(given) is str and "\0" not in given:
+        return Path(given)
+    if type(given) is not wanted or (wanted is float and not math.isfinite(given)):
+        raise InvalidInputError(name, given, _kind(wanted))
     return given
+
+
+def _kind(wanted: Any) -> str:
+    return _KINDS.get(wanted, "a path")

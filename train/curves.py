@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
+from evaluate.figures import Figure, save, style
+from train.records import read_log
 
 _PANELS = (
     ("success rate, raw", "raw_success"),
@@ -17,12 +17,16 @@ _PANELS = (
 
 def draw_curves(runs: Sequence[Path], out: Path) -> None:
     """Draws the validations of some runs, a line each, beside one another."""
+    with style({"text.parse_math": False}):  # names of folders are no formulas
+        save(_curves(runs), out)
+
+
+def _curves(runs: Sequence[Path]) -> Figure:
     figure = Figure(figsize=(10.0, 3.0), layout="constrained", dpi=130)
     axes = figure.subplots(1, len(_PANELS))
     rows: list[dict[str, str]] = []
     for run in runs:
-        with (run / "log.csv").open(encoding="utf-8", newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("raw_success")]
+        rows = [row for row in read_log(run / "log.csv") if row.get("raw_success")]
         steps = [float(row.get("round") or int(row["timesteps"]) / 1e6) for row in rows]
         for axis, (_, key) in zip(axes, _PANELS, strict=True):
             axis.plot(steps, [float(row[key]) for row in rows], label=run.name, marker=".")
@@ -34,4 +38,4 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
     if len(runs) > 1:
         lines, names = axes[0].get_legend_handles_labels()
         figure.legend(lines, names, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    figure.savefig(out)
+    return figure

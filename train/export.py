@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,12 +12,15 @@ import tyro
 from rich.console import Console
 
 import snake_env
-from evaluate.journal import write_atomically
+from evaluate.files import write_atomically
+from evaluate.folder import writable_folder
+from evaluate.outside import in_one_line
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
-from train.run import SCHEMA
+from train.records import read_about
 
 _FILES = ("best.safetensors", "value.safetensors")
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.=,-]{0,59}")
 _CARD = """# {name}
 
 {what}
@@ -30,7 +33,7 @@ _CARD = """# {name}
 | seed | {seed} |
 | network | {network} |
 | source | revision {git} |
-| validation (tasks of `validation-2k`) | {validation} |
+| validation | {validation} |
 
 {limits} Results on the test tasks stand in `docs/results.md`.
 """
@@ -58,41 +61,52 @@ class Options:
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Folder of a finished run of train."""
     last: bool = False
-    """Ship the last model that was validated, not the best: where the tasks of the validation are too
-    few to tell a run's models apart."""
+    """Ship the last model, not the best: where the tasks of the validation are too few to tell a run's
+    models apart."""
     name: str | None = None
     """Policy's name; default: the algorithm's, with -narrow and the joints where they differ."""
     into: Annotated[Path, tyro.conf.arg(metavar="DIR")] = (
         Path(snake_env.__file__).parent / "pretrained"
     )
     """Folder to write to."""
+    overwrite: bool = False
+    """Replace a model of this name in the folder."""
 
 
 def train(options: Options, console: Console) -> None:
     """Writes ``NAME.safetensors`` and ``NAME.md``."""
-    about = _about(options.run)
+    about = read_about(options.run, "run")
     wanted = ("last.safetensors",) if options.last else _FILES
     file = next((options.run / f for f in wanted if (options.run / f).is_file()), None)
     if file is None:
-        raise InvalidInputError("run", str(options.run), "a run that has a model already")
+        expected = (
+            "a run with a model: train writes last.safetensors at every checkpoint (--last ships it) "
+            "and best.safetensors at every validation that is better than those before"
+        )
+        raise InvalidInputError("run", str(options.run), expected)
     model = read_model(file)
     params = about["config"]["params"]
-    name = options.name or _name(about["algorithm"], params)
+    name = options.name
+    if name is None:
+        name = _name(about["algorithm"], params)
     made = {**model.made, "git": about["git"], "versions": about["versions"]}
+    if not _NAME.fullmatch(name):
+        expected = "a name of at most 60 letters, digits and -_.=,"
+        raise InvalidInputError("name", name, expected)
     path = options.into / f"{name}.safetensors"
-    write_model(path, dataclasses.replace(model, made=made))
-    write_atomically(path.with_suffix(".md"), _card(name, model, about))
-    console.print(f"{path}", soft_wrap=True)
-
-
-def _about(run: Path) -> dict[str, Any]:
     try:
-        about = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise InvalidInputError("run", str(run), "the folder of a run of train") from None
-    if not isinstance(about, dict) or about.get("schema") != SCHEMA:
-        raise InvalidInputError("run", str(run), f"a run of schema {SCHEMA}")
-    return about
+        card = _card(name, model, about)
+    except (LookupError, TypeError, ValueError) as error:
+        expected = f"an undamaged run ({in_one_line(error)})"
+        raise InvalidInputError("run", str(options.run), expected) from None
+    there = [each for each in (path, path.with_suffix(".md")) if each.exists()]
+    if there and not options.overwrite:
+        expected = "a new name (or --overwrite to replace the model)"
+        raise InvalidInputError("name", str(there[0]), expected)
+    writable_folder(options.into)
+    write_model(path, dataclasses.replace(model, made=made))
+    write_atomically(path.with_suffix(".md"), card)
+    console.print(f"{path}", soft_wrap=True)
 
 
 def _name(algorithm: str, params: dict[str, Any]) -> str:
@@ -106,6 +120,7 @@ def _card(name: str, model: Model, about: dict[str, Any]) -> str:
     figures = (
         f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s, shielded "
         f"{validation['shielded_success']:.1%} in {validation['shielded_time_s']:.1f} s"
+        f" on the first {config['validation_tasks']:,} of 2,000 tasks of `validation-2k`"
         if validation
         else "none"
     )

@@ -6,7 +6,7 @@ import io
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -15,10 +15,12 @@ from rich.console import Console
 from agents.checks import check_positive, check_share
 from agents.harvest import Lost, Trial, around, play
 from evaluate.engine import Engine
-from evaluate.journal import Journal, writable_folder, write_atomically
+from evaluate.files import write_atomically
+from evaluate.folder import Found, Layout, held
+from evaluate.journal import Journal, check_finished
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
-from snake_env.networks.model_file import read_model
+from snake_env.networks.model_file import Model, read_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import random_tasks
@@ -26,6 +28,10 @@ from train.run import Robot, command
 
 _PART = 512  # tasks that a worker plays side by side
 _OTHERS = (0, 3)  # spawn key of the random numbers that no shard has
+
+
+LAYOUT = Layout(begun="lost.partial.jsonl", done="harvest.json", own=("tasks.npz",))
+"""What the folder of a harvest holds."""
 
 
 @dataclass(frozen=True)
@@ -93,17 +99,38 @@ def train(options: Options, console: Console) -> Path:
         "seed": options.seed,
         "params": json.loads(json.dumps(asdict(params))),
     }
-    partial, file = folder / "lost.partial.jsonl", folder / "tasks.npz"
-    if not options.resume:
-        writable_folder(folder)
-        if (file.exists() or partial.exists()) and not options.overwrite:
-            expected = "a folder without a harvest (or --overwrite, or --resume to go on)"
-            raise InvalidInputError("out", str(folder), expected)
-    journal = Journal(partial, config, resume=options.resume)
-    lost = {
-        entry["part"]: Lost(entry["part"], np.array(entry["phi0"]), np.array(entry["target"]))
-        for entry in journal.entries
-    }
+    flags = {"overwrite": options.overwrite, "resume": options.resume}
+    with held(folder, LAYOUT, **flags) as found:
+        return _harvest(options, params, model, config, folder, found, console)
+
+
+def _harvest(
+    options: Options,
+    params: SnakeParams,
+    model: Model,
+    config: dict[str, Any],
+    folder: Path,
+    found: Found,
+    console: Console,
+) -> Path:
+    file = folder / "tasks.npz"
+    chosen = {name: getattr(options, name) for name in ("tasks", "copies", "spread", "share")}
+    if found == "finished":
+        check_finished(folder / LAYOUT.done, {**config, **chosen})
+        console.print(f"this harvest is finished: {file}", soft_wrap=True)
+        return file
+    lost: dict[int, Lost] = {}
+
+    def take(entry: Any) -> None:
+        shapes = (np.array(entry[name], dtype=np.float64) for name in ("phi0", "target"))
+        phi0, target = (each.reshape(-1, params.n_joints) for each in shapes)
+        if type(entry["part"]) is not int or entry["part"] < 0 or phi0.shape != target.shape:
+            raise ValueError("no part of a harvest")
+        if not (np.abs(phi0) <= np.pi).all() or not (np.abs(target) <= np.pi).all():
+            raise ValueError("no shapes")
+        lost[entry["part"]] = Lost(entry["part"], phi0, target)
+
+    journal = Journal(folder / LAYOUT.begun, config, resume=found == "begun", take=take)
     count = -(-options.tasks // _PART)
     shards = [
         Trial(options.seed, part, _PART, model.network, params)
@@ -137,8 +164,13 @@ def train(options: Options, console: Console) -> Path:
         target=np.concatenate([target, others[1]]),
     )
     write_atomically(file, content.getvalue())
-    about = {"command": command(), **config, "lost": sum(len(part.phi0) for part in parts)}
-    write_atomically(folder / "harvest.json", json.dumps(about, indent=1) + "\n")
+    about = {
+        "command": command(),
+        **config,
+        **chosen,
+        "lost": sum(len(part.phi0) for part in parts),
+    }
+    write_atomically(folder / LAYOUT.done, json.dumps(about, indent=1) + "\n")
     journal.remove()
     console.print(
         f"{about['lost']} of {count * _PART} tasks were lost; "

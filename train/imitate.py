@@ -118,51 +118,54 @@ def train(options: Options, console: Console) -> Path:
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(options.run, "imitate", options.robot, config)
-    rows: list[dict[str, Any]] = list(folder.rows())
-    sizes = [observation_size(params.n_joints), *options.fit.hidden]
-    network = begun if begun is not None and begun.sizes[:-1] == sizes else None
-    if rows:
-        network = read_model(_kept(folder.path, len(rows) - 1)).network
-    torch.set_num_threads(1)
-    warm_up(params)
-    last = max(0, options.rounds - 1)
-    for number in range(len(rows), last + 1):
-        label = f"round {number + 1} of {last + 1}"
-        if options.rounds > 0:
-            student = network or begun
-            value = None if trusted is None else trusted.network
-            visits = _visits(options, number, student, value, params)
-            _play(options, visits, number, params, folder.path, label, console)
-        network, figures = fit(
-            network,
-            [*given, *read_lessons(folder.path)],
-            options.fit,
-            params.n_joints,
-            seed=options.run.seed + 1000 * number,
-            last=number == last,
-        )
-        kept = _kept(folder.path, number)
-        made = {"command": command(), "config": config, "round": number + 1}
-        write_model(kept, Model("policy", params, network, made))
-        row = {"round": number + 1}
-        row |= {key: round(value, 5) for key, value in figures.items()}
-        row |= options.validation(kept, params)
-        validated = Model("policy", params, network, {**made, "validation": row})
-        write_model(folder.path / "last.safetensors", validated)
-        if not rows or quality(row) > max(map(quality, rows)):
-            write_model(folder.path / "best.safetensors", validated)
-        rows.append(row)
-        folder.write_rows(rows)
-        _kept(folder.path, number - 1).unlink(missing_ok=True)
-        console.print(
-            f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
-            f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "
-            f"shielded {row['shielded_success']:.1%} in {row['shielded_time_s']:.1f} s",
-            soft_wrap=True,
-        )
-    console.print(f"best model: {folder.path / 'best.safetensors'}", soft_wrap=True)
-    return folder.path / "best.safetensors"
+    with RunFolder(options.run, "imitate", options.robot, config) as folder:
+        rows: list[dict[str, Any]] = list(folder.rows("round"))
+        finished = len(rows) >= max(1, options.rounds)
+        sizes = [observation_size(params.n_joints), *options.fit.hidden]
+        network = begun if begun is not None and begun.sizes[:-1] == sizes else None
+        if rows:
+            network = read_model(_kept(folder.path, len(rows) - 1)).network
+        torch.set_num_threads(1)
+        warm_up(params)
+        last = max(0, options.rounds - 1)
+        for number in range(len(rows), last + 1):
+            label = f"round {number + 1} of {last + 1}"
+            if options.rounds > 0:
+                student = network or begun
+                value = None if trusted is None else trusted.network
+                visits = _visits(options, number, student, value, params)
+                _play(options, visits, number, params, folder.path, label, console)
+            network, figures = fit(
+                network,
+                [*given, *read_lessons(folder.path)],
+                options.fit,
+                params.n_joints,
+                seed=options.run.seed + 1000 * number,
+                last=number == last,
+            )
+            kept = _kept(folder.path, number)
+            made = {"command": command(), "config": config, "round": number + 1}
+            write_model(kept, Model("policy", params, network, made))
+            row = {"round": number + 1}
+            row |= {key: round(value, 5) for key, value in figures.items()}
+            row |= options.validation(kept, params)
+            validated = Model("policy", params, network, {**made, "validation": row})
+            write_model(folder.path / "last.safetensors", validated)
+            if not rows or quality(row) > max(map(quality, rows)):
+                write_model(folder.path / "best.safetensors", validated)
+            rows.append(row)
+            folder.write_rows(rows)
+            _kept(folder.path, number - 1).unlink(missing_ok=True)
+            console.print(
+                f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
+                f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "
+                f"shielded {row['shielded_success']:.1%} in {row['shielded_time_s']:.1f} s",
+                soft_wrap=True,
+            )
+        if finished:
+            console.print("this run is finished")
+        console.print(f"best model: {folder.path / 'best.safetensors'}", soft_wrap=True)
+        return folder.path / "best.safetensors"
 
 
 def _visits(

@@ -8,39 +8,35 @@ is saved. So a run that was killed and resumed is equal to one that was not, to 
 from __future__ import annotations
 
 import dataclasses
-import io
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import joblib
 import numpy as np
 import torch
 from rich.console import Console
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_device, check_positive
-from evaluate.journal import write_atomically
+from agents.mlp import DivergedError
 from evaluate.options import Assignments, parse_overrides
-from evaluate.progress import Advance, progress
+from evaluate.progress import progress
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.networks.model_file import Model, read_network, write_model
 from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
-from train.curves import draw_curves
+from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
 from train.run import Robot, Run, RunFolder, command
 from train.validation import Validation, quality
+from train.watch import Watch, stopping
+
+_LARGEST_WEIGHT = 1e6  # of a network that has not diverged
 
 
 @dataclass(frozen=True)
@@ -121,72 +117,89 @@ def train(
         "init": None if init is None else str(init),
         "init_critic": None if critic_from is None else str(critic_from),
         "reward": weights,
-        "tasks": suite and [suite.name, len(suite), joblib.hash((suite.phi0, suite.target))],
+        "tasks": suite and [suite.name, len(suite), suite.sha256],
         "segment": loop.segment,
         "validate_every": loop.validate_every,
         "device": loop.device,
         "seed": run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(run, name, robot, config)
-    torch.set_num_threads(1)
-    warm_up(params)
-    env = SnakeVecEnv(
-        settings.num_envs,
-        mask_in_observation=True,
-        preset=robot.preset,
-        task_suite=loop.tasks,
-        reward_weights={**weights, "gamma": settings.gamma},
-        **parse_overrides(robot.set),
-    )
-    model = algorithm.build(settings, env, run.seed, loop.device)
-    model.set_logger(Logger(folder=None, output_formats=[]))
-    checkpoint = folder.path / "checkpoint.pt"
-    segment = 0
-    if run.resume and checkpoint.exists():
-        segment = _load(algorithm, model, checkpoint)
-    else:
-        if begun is not None:
-            algorithm.initialise(model, begun, settings)
-        if critic is not None:
-            algorithm.initialise_critic(model, critic, weights)
-    total = settings.timesteps
-    rows: list[dict[str, Any]] = [
-        row for row in folder.rows() if int(row["timesteps"]) <= model.num_timesteps
-    ]
-    board = SummaryWriter(str(folder.path / "tensorboard"), purge_step=model.num_timesteps)
-    with _stopping() as stop, progress(console, total, "decisions") as advance:
-        advance(name, model.num_timesteps)
-        while model.num_timesteps < total and not stop.is_set():
-            began, before = time.monotonic(), model.num_timesteps
-            watch = _Watch(advance, name)
-            _segment(algorithm, model, settings, run.seed, segment, loop.segment, watch)
-            segment += 1
-            rate = (model.num_timesteps - before) / (time.monotonic() - began)
-            row = {"timesteps": model.num_timesteps, "frames_per_s": round(rate), **watch.figures()}
-            done = model.num_timesteps >= total
-            if segment % loop.validate_every == 0 or done:
-                made = {"command": command(), "config": config, "timesteps": model.num_timesteps}
-                last, network = folder.path / "last.safetensors", algorithm.network(model)
-                write_model(last, Model("policy", params, network, made))
-                row |= validation(last, params)
-                validated = Model("policy", params, network, {**made, "validation": row})
-                write_model(last, validated)
-                known = [quality(r) for r in rows if r.get("raw_success", "") != ""]
-                if not known or quality(row) > max(known):
-                    write_model(folder.path / "best.safetensors", validated)
-                console.print(_line(name, row), soft_wrap=True)
-            rows.append(row)
-            folder.write_rows(_same_columns(rows))
-            for key, value in row.items():
-                board.add_scalar(f"{name}/{key}", float(value), model.num_timesteps)
-            _save(algorithm, model, segment, checkpoint)
-    board.close()
-    draw_curves([folder.path], folder.path / "curve.png")
-    if model.num_timesteps < total:
-        raise KeyboardInterrupt
-    console.print(f"best model: {folder.path / 'best.safetensors'}", soft_wrap=True)
-    return folder.path / "best.safetensors"
+    from train.curves import draw_curves  # matplotlib takes a while to import
+
+    with RunFolder(run, name, robot, config) as folder:
+        torch.set_num_threads(1)
+        warm_up(params)
+        env = SnakeVecEnv(
+            settings.num_envs,
+            mask_in_observation=True,
+            preset=robot.preset,
+            task_suite=loop.tasks,
+            reward_weights={**weights, "gamma": settings.gamma},
+            **parse_overrides(robot.set),
+        )
+        model = algorithm.build(settings, env, run.seed, loop.device)
+        model.set_logger(Logger(folder=None, output_formats=[]))
+        checkpoint = folder.path / "checkpoint.pt"
+        segment = 0
+        if checkpoint.exists():
+            args = (settings, loop.segment, folder.digest, checkpoint)
+            segment = _load(algorithm, model, *args)
+        else:
+            if begun is not None:
+                algorithm.initialise(model, begun, settings)
+            if critic is not None:
+                algorithm.initialise_critic(model, critic, weights)
+        total, before = settings.timesteps, model.num_timesteps
+        if before >= total:
+            console.print("this run is finished")
+        rows: list[dict[str, Any]] = [
+            row for row in folder.rows("timesteps") if int(row["timesteps"]) <= before
+        ]
+
+        def keep(**more: Any) -> Model:
+            """Writes the model as it is: ``last.safetensors``."""
+            made = {"command": command(), "config": config, "timesteps": model.num_timesteps}
+            kept = Model("policy", params, algorithm.network(model), {**made, **more})
+            write_model(folder.path / "last.safetensors", kept)
+            return kept
+
+        board = SummaryWriter(
+            str(folder.path / "tensorboard"), purge_step=before + 1 if before else None
+        )
+        with stopping() as stop, progress(console, total, "decisions", before) as advance:
+            while model.num_timesteps < total and not stop.is_set():
+                began, before = time.monotonic(), model.num_timesteps
+                watch = Watch(advance, name)
+                try:
+                    _segment(algorithm, model, settings, run.seed, segment, loop.segment, watch)
+                except KeyboardInterrupt:
+                    keep()
+                    raise
+                segment += 1
+                rate = (model.num_timesteps - before) / (time.monotonic() - began)
+                row = {"timesteps": model.num_timesteps, "frames_per_s": round(rate)}
+                row |= watch.figures()
+                keep()
+                if segment % loop.validate_every == 0 or model.num_timesteps >= total:
+                    row |= validation(folder.path / "last.safetensors", params)
+                    validated = keep(validation=row)
+                    known = [quality(r) for r in rows if r.get("raw_success", "") != ""]
+                    if not known or quality(row) > max(known):
+                        write_model(folder.path / "best.safetensors", validated)
+                    console.print(_line(name, row), soft_wrap=True)
+                rows.append(row)
+                folder.write_rows(_same_columns(rows))
+                for key, value in row.items():
+                    board.add_scalar(f"{name}/{key}", float(value), model.num_timesteps)
+                board.flush()  # what is in the checkpoint is there as well
+                _save(algorithm, model, segment, folder.digest, checkpoint)
+        board.close()
+        draw_curves([folder.path], folder.path / "curve.png")
+        if model.num_timesteps < total:
+            raise KeyboardInterrupt
+        best = folder.path / "best.safetensors"
+        console.print(f"best model: {best}", soft_wrap=True)
+        return best
 
 
 def _segment(
@@ -196,7 +209,7 @@ def _segment(
     seed: int,
     segment: int,
     length: int,
-    watch: _Watch,
+    watch: Watch,
 ) -> None:
     """Learns from ``length`` decisions, or some more: whole iterations."""
     fresh = int(np.random.SeedSequence([seed, segment]).generate_state(1)[0]) // 2
@@ -209,37 +222,20 @@ def _segment(
     end = min(model.num_timesteps + length, settings.timesteps)
     while model.num_timesteps < end:
         model._update_current_progress_remaining(model.num_timesteps, settings.timesteps)
-        algorithm.iterate(model, callback, settings)
+        try:
+            algorithm.iterate(model, callback, settings)
+        except ValueError:  # what is no number is no distribution and no choice
+            if all(
+                bool((part.abs() < _LARGEST_WEIGHT).all()) for part in model.policy.parameters()
+            ):
+                raise
+            raise DivergedError(settings.learning_rate) from None
 
 
-class _Watch(BaseCallback):
-    """Shows progress and keeps the figures of the segment's episodes."""
-
-    def __init__(self, advance: Advance, name: str) -> None:
-        super().__init__()
-        self._advance, self._name = advance, name
-        self._episodes: list[dict[str, Any]] = []
-
-    def _on_step(self) -> bool:
-        infos = self.locals["infos"]
-        self._episodes += [info for info in infos if "episode_summary" in info]
-        self._advance(self._name, len(infos))
-        return True
-
-    def figures(self) -> dict[str, float]:
-        """Return, success rate and mean time of the episodes that ended, exploration included."""
-        solved = [e["episode_summary"]["time_s"] for e in self._episodes if e["is_success"]]
-        count = max(1, len(self._episodes))
-        return {
-            "train_return": round(sum(e["episode"]["r"] for e in self._episodes) / count, 4),
-            "train_success": round(len(solved) / count, 4),
-            "train_time_s": round(float(np.mean(solved)) if solved else float("nan"), 3),
-        }
-
-
-def _save(algorithm: ModuleType, model: Any, segment: int, path: Path) -> None:
-    """Saves all that goes on after a segment, atomically."""
+def _save(algorithm: ModuleType, model: Any, segment: int, run: str, path: Path) -> None:
+    """Saves all that continues after a segment."""
     state = {
+        "run": run,
         "segment": segment,
         "num_timesteps": model.num_timesteps,
         "n_updates": model._n_updates,
@@ -247,45 +243,25 @@ def _save(algorithm: ModuleType, model: Any, segment: int, path: Path) -> None:
         "optimizer": model.policy.optimizer.state_dict(),
         "extra": algorithm.extra_state(model),
     }
-    file = io.BytesIO()
-    torch.save(state, file)
-    write_atomically(path, file.getvalue())
+    save_checkpoint(path, state)
 
 
-def _load(algorithm: ModuleType, model: Any, path: Path) -> int:
+def _load(
+    algorithm: ModuleType, model: Any, settings: Any, length: int, run: str, path: Path
+) -> int:
     """Restores what was saved; the number of segments done."""
+    state = load_checkpoint(path, run, model.device)
+    iteration = settings.num_envs * settings.n_steps
+    check_counters(path, state, settings.timesteps, length, iteration)
     try:
-        state = torch.load(path, weights_only=True, map_location=model.device)
-    except Exception as error:  # torch raises many kinds on a damaged file
+        model.policy.load_state_dict(state["policy"])
+        model.policy.optimizer.load_state_dict(state["optimizer"])
+        algorithm.set_extra_state(model, state["extra"])
+    except (RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
         reason = str(error).split("\n", 1)[0]
-        raise InvalidInputError("checkpoint", str(path), f"an undamaged file ({reason})") from None
-    model.policy.load_state_dict(state["policy"])
-    model.policy.optimizer.load_state_dict(state["optimizer"])
+        raise bad_checkpoint(path, f"the state of this learner ({reason})") from None
     model.num_timesteps, model._n_updates = state["num_timesteps"], state["n_updates"]
-    algorithm.set_extra_state(model, state["extra"])
     return int(state["segment"])
-
-
-@contextmanager
-def _stopping() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set; the segment is finished then. A second one interrupts."""
-    stop = threading.Event()
-
-    def handle(number: int, frame: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-        print("\nstopping after this segment (again: at once)", flush=True)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _line(name: str, row: dict[str, Any]) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import os
 import platform
-import re
 import shlex
 import subprocess
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -18,13 +19,14 @@ from typing import Annotated, Any
 
 import tyro
 
-from evaluate.journal import writable_folder, write_atomically
+from evaluate.files import file_name, write_atomically
+from evaluate.folder import Layout, held
 from evaluate.options import Assignments, parse_overrides
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.value import GUIDES, pretrained
+from train.records import ABOUT, SCHEMA, read_about, read_log
 
-SCHEMA = 1
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
 
 
@@ -50,8 +52,7 @@ class Robot:
     @property
     def name(self) -> str:
         """The preset and what is changed in it, as part of a folder's name."""
-        changes = (re.sub(r"[^\w.=,+-]", "", assignment) for assignment in self.set)
-        return "-".join([self.preset, *changes])
+        return file_name("-".join([self.preset, *self.set]))
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,21 @@ class Run:
         return Path(str(path).replace("{seed}", str(self.seed)))
 
 
+LAYOUT = Layout(
+    begun=ABOUT,
+    done=ABOUT,
+    own=(
+        *("*.csv", "*.json", "*.npz", "*.safetensors", "checkpoint.pt", "curve.png"),
+        "tensorboard",
+    ),
+)
+"""What the folder of a run holds."""
+
+
 class RunFolder:
     """A run on disk: ``run.json`` says what was asked for, ``log.csv`` how it went.
+
+    As a context it keeps other processes out, and has what is to be resumed or begins anew.
 
     Args:
         run: Where it is kept.
@@ -96,38 +110,39 @@ class RunFolder:
         robot: The robot; with the algorithm and the seed it names the folder where ``run`` does not.
         config: What decides the result; a resumed run must have the same.
 
+    Attributes:
+        path: The folder.
+        digest: Of the config; it tells one run from another.
+
     Raises:
         InvalidInputError: The folder can't be used, or holds another run.
     """
 
     def __init__(self, run: Run, algorithm: str, robot: Robot, config: dict[str, Any]) -> None:
         self.path = run.folder(f"{algorithm}-{robot.name}")
-        self._algorithm = algorithm
         self.config = json.loads(json.dumps(config, default=str))
+        self.digest = hashlib.sha256(json.dumps(self.config, sort_keys=True).encode()).hexdigest()
+        self._algorithm = algorithm
+        self._held = held(self.path, LAYOUT, overwrite=run.overwrite, resume=run.resume)
         self._log = self.path / "log.csv"
-        file = self.path / "run.json"
-        if run.resume:
-            self._check(file)
-            return
-        if file.is_file() and not run.overwrite:
-            expected = "a new folder (or --resume to go on, or --overwrite)"
-            raise InvalidInputError("out", str(self.path), expected)
-        if self.path.is_dir() and any(self.path.iterdir()) and not file.is_file():
-            raise InvalidInputError("out", str(self.path), "an empty folder, or one with a run")
-        writable_folder(self.path)
-        for stale in self.path.iterdir():
-            if stale.is_file():
-                stale.unlink()
-        write_atomically(file, json.dumps(self._about(), indent=1) + "\n")
 
-    def _check(self, file: Path) -> None:
-        try:
-            about = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            raise InvalidInputError("resume", str(self.path), "a folder with a run") from None
-        if not isinstance(about, dict) or about.get("schema") != SCHEMA:
-            raise InvalidInputError("resume", str(self.path), f"a run of schema {SCHEMA}")
-        there = about.get("config", {})
+    def __enter__(self) -> RunFolder:
+        if self._held.__enter__() == "begun":
+            try:
+                self._check(read_about(self.path, "resume"))
+            except BaseException:
+                self._held.__exit__(*sys.exc_info())
+                raise
+        else:
+            about = json.dumps(self._about(), indent=1) + "\n"
+            write_atomically(self.path / LAYOUT.begun, about)
+        return self
+
+    def __exit__(self, *problem: Any) -> None:
+        self._held.__exit__(*problem)
+
+    def _check(self, about: dict[str, Any]) -> None:
+        there = about["config"]
         if there != self.config:
             differing = sorted(
                 key
@@ -149,12 +164,16 @@ class RunFolder:
             "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
         }
 
-    def rows(self) -> list[dict[str, str]]:
-        """The log so far."""
-        if not self._log.is_file():
-            return []
-        with self._log.open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
+    def rows(self, counter: str) -> list[dict[str, str]]:
+        """The log so far.
+
+        Args:
+            counter: The column that says how far the run was.
+
+        Raises:
+            InvalidInputError: It is damaged.
+        """
+        return read_log(self._log, counter) if self._log.exists() else []
 
     def write_rows(self, rows: Iterable[dict[str, Any]]) -> None:
         """Replaces the log."""

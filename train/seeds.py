@@ -15,12 +15,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from evaluate.command import PlainConsole
 from evaluate.engine import Engine
-from evaluate.journal import write_atomically
+from evaluate.files import write_atomically
+from evaluate.folder import writable_folder
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model
-from train.curves import draw_curves
 from train.run import begin, words_without
 from train.validation import quality
 
@@ -57,9 +58,7 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
     runs = []
     for seed in range(options.run.seed, options.run.seed + options.run.seeds):
         out = _folder(command, options, f"s{seed}")
-        begun = (out / "run.json").is_file()
-        resume = options.run.resume and begun  # some may not have been begun
-        run = dataclasses.replace(options.run, seed=seed, seeds=1, out=out, resume=resume)
+        run = dataclasses.replace(options.run, seed=seed, seeds=1, out=out)
         own = dataclasses.replace(options, run=run, engine=Engine(workers=1))
         runs.append(_Seed(command, own, [*shared, "--seed", str(seed)]))
     label = f"{command}, {len(runs)} seeds"
@@ -84,7 +83,7 @@ def _train(seed: _Seed) -> Path:
     """Trains one of the runs, in silence; its folder. A run that is done is left alone."""
     begin(seed.words)
     module: Any = importlib.import_module(f"train.{seed.command}")
-    module.train(seed.options, Console(file=io.StringIO()))
+    module.train(seed.options, PlainConsole(file=io.StringIO()))
     folder: Path = seed.options.run.out
     return folder
 
@@ -94,8 +93,10 @@ def _report(folder: Path, runs: Sequence[Path], console: Console) -> None:
     best = {run.name: validation for run in runs for validation in _validation(run)}
     if not best:
         return  # a value network is not validated
-    folder.mkdir(parents=True, exist_ok=True)
+    writable_folder(folder)
     write_atomically(folder / "seeds.json", json.dumps(best, indent=1) + "\n")
+    from train.curves import draw_curves  # matplotlib takes a while to import
+
     draw_curves(runs, folder / "curve.png")
     table = Table(box=None, title="best models, on tasks of validation-2k", title_justify="left")
     table.add_column("seed")

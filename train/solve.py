@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import joblib
 import numpy as np
 import tyro
 from rich.console import Console
 
 from agents.best_known import COLUMNS, Problem, Row, solve
 from evaluate.engine import Engine
-from evaluate.journal import Journal, writable_folder, write_atomically
+from evaluate.files import file_name, write_atomically
+from evaluate.folder import Found, Layout, held
+from evaluate.journal import Journal, check_finished
 from evaluate.progress import progress
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
-from snake_env.sim.tasks import load_tasks
+from snake_env.sim.tasks import TaskSuite, load_tasks
 from train.run import Robot, command, value_digest
+
+LAYOUT = Layout(begun="plans.partial.jsonl", done="search.json", own=("plans.csv",))
+"""What the folder of a search holds."""
 
 
 @dataclass(frozen=True)
@@ -65,24 +71,42 @@ def train(options: Options, console: Console) -> None:
     params = options.check()
     suite = load_tasks(options.tasks, params)
     known = _known(options.improve, len(suite))
-    folder = options.out or Path("runs") / f"solve-{options.tasks.replace(':', '-')}"
+    folder = options.out or Path("runs") / f"solve-{file_name(options.tasks)}"
     options.engine.check()
     config = {
-        "tasks": [suite.name, len(suite), joblib.hash((suite.phi0, suite.target))],
+        "tasks": [suite.name, len(suite), suite.sha256],
         "params": asdict(params),
         "budget": options.budget,
         "value": value_digest(params, options.robot.transfer),
-        "improve": joblib.hash(known),
+        "improve": hashlib.sha256(json.dumps(known).encode()).hexdigest(),
     }
-    partial, file = folder / "plans.partial.jsonl", folder / "plans.csv"
-    if not options.resume:
-        writable_folder(folder)
-        if (file.exists() or partial.exists()) and not options.overwrite:
-            expected = "a folder without plans (or --overwrite, or --resume to go on)"
-            raise InvalidInputError("out", str(folder), expected)
-    journal = Journal(partial, config, resume=options.resume)
+    flags = {"overwrite": options.overwrite, "resume": options.resume}
+    with held(folder, LAYOUT, **flags) as found:
+        _search(options, params, suite, known, config, folder, found, console)
+
+
+def _search(
+    options: Options,
+    params: SnakeParams,
+    suite: TaskSuite,
+    known: list[tuple[int, ...]],
+    config: dict[str, Any],
+    folder: Path,
+    found: Found,
+    console: Console,
+) -> None:
+    file = folder / "plans.csv"
+    rows: dict[int, Row] = {}
+    if found == "finished":
+        check_finished(folder / LAYOUT.done, config)
+        console.print(f"this search is finished: {file}", soft_wrap=True)
+        return
+
+    def take(row: Any) -> None:
+        rows[_checked(row, len(suite))["task"]] = row
+
+    journal = Journal(folder / LAYOUT.begun, config, resume=found == "begun", take=take)
     warm_up(params)
-    rows: dict[int, Row] = {row["task"]: row for row in journal.entries}
     problems = [
         Problem(
             task,
@@ -110,7 +134,7 @@ def train(options: Options, console: Console) -> None:
     writer.writerows(rows[task] for task in sorted(rows))
     write_atomically(file, text.getvalue())
     write_atomically(
-        folder / "search.json", json.dumps({"command": command(), **config}, indent=1) + "\n"
+        folder / LAYOUT.done, json.dumps({"command": command(), **config}, indent=1) + "\n"
     )
     journal.remove()
     times = [row["time_s"] for row in rows.values() if row["time_s"] != ""]
@@ -128,6 +152,21 @@ def train(options: Options, console: Console) -> None:
                 else f"no plan in {row['rollouts']} roll-outs"
             )
             console.print(f"task {row['task']}: {verdict}")
+
+
+def _checked(row: Any, count: int) -> Row:
+    """A task's row of the journal.
+
+    Raises:
+        ValueError, TypeError: It is none.
+    """
+    if tuple(row) != COLUMNS or not isinstance(row["modes"], str):
+        raise ValueError("other columns")
+    if type(row["task"]) is not int or not 0 <= row["task"] < count:
+        raise ValueError("there is no such task")
+    if row["time_s"] != "" and not 0.0 <= row["time_s"] < math.inf:
+        raise ValueError("a time that is none")
+    return row  # type: ignore[no-any-return]
 
 
 def _known(path: Path | None, count: int) -> list[tuple[int, ...]]:

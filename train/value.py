@@ -18,9 +18,11 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Kind, Model, read_model, read_network, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
+from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
 from train.run import Robot, Run, RunFolder, command
 
+_LARGEST = 8 * 2**30  # bytes of an array of returns
 _PART = 256  # episodes that a worker plays side by side
 
 
@@ -93,79 +95,87 @@ def train(options: Options, console: Console) -> Path:
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
-    folder = RunFolder(options.run, "value", options.robot, config)
-    file = folder.path / "value.safetensors"
-    rows = list(folder.rows())
-    sizes = [observation_size(params.n_joints), *options.fit.hidden, 1]
-    kind: Kind = "quick-value" if options.distil else "value"
-    network = begun if begun is not None and begun.sizes == sizes and not options.distil else None
-    if rows:
-        network = read_model(_kept(folder.path, len(rows) - 1)).network
-    trace_decay = None if options.distil else options.trace_decay
-    torch.set_num_threads(1)
-    warm_up(params)
-    for generation in range(len(rows), options.generations):
-        player = begun if options.distil or network is None else network
-        parts = [
-            Play(
-                options.run.seed,
-                generation,
-                first // _PART,
-                count,
-                player,
-                trace_decay,
-                params,
+    with RunFolder(options.run, "value", options.robot, config) as folder:
+        file = folder.path / "value.safetensors"
+        rows = folder.rows("generation")
+        finished = len(rows) >= options.generations
+        sizes = [observation_size(params.n_joints), *options.fit.hidden, 1]
+        kind: Kind = "quick-value" if options.distil else "value"
+        network = (
+            begun if begun is not None and begun.sizes == sizes and not options.distil else None
+        )
+        if rows:
+            network = read_model(_kept(folder.path, len(rows) - 1)).network
+        trace_decay = None if options.distil else options.trace_decay
+        torch.set_num_threads(1)
+        warm_up(params)
+        for generation in range(len(rows), options.generations):
+            player = begun if options.distil or network is None else network
+            parts = [
+                Play(
+                    options.run.seed,
+                    generation,
+                    first // _PART,
+                    count,
+                    player,
+                    trace_decay,
+                    params,
+                )
+                for first in range(0, options.episodes, _PART)
+                for count in [min(_PART, options.episodes - first)]
+            ]
+            played: list[Returns] = []
+            label = f"generation {generation + 1} of {options.generations}"
+            with progress(console, options.episodes, "episodes") as advance:
+                for returns in options.engine.map(play, parts):
+                    played.append(returns)
+                    advance(label, parts[returns.part].count)
+            played.sort(key=lambda returns: returns.part)
+            np.savez(
+                folder.path / f"returns-{generation}.npz",
+                observations=np.concatenate([returns.observations for returns in played]),
+                intervals=np.concatenate([returns.intervals for returns in played]),
             )
-            for first in range(0, options.episodes, _PART)
-            for count in [min(_PART, options.episodes - first)]
-        ]
-        played: list[Returns] = []
-        label = f"generation {generation + 1} of {options.generations}"
-        with progress(console, options.episodes, "episodes") as advance:
-            for returns in options.engine.map(play, parts):
-                played.append(returns)
-                advance(label, parts[returns.part].count)
-        played.sort(key=lambda returns: returns.part)
-        np.savez(
-            folder.path / f"returns-{generation}.npz",
-            observations=np.concatenate([returns.observations for returns in played]),
-            intervals=np.concatenate([returns.intervals for returns in played]),
-        )
-        first = max(0, generation + 1 - options.window)
-        window = [_returns(folder.path, k) for k in range(first, generation + 1)]
-        network, error = fit(
-            network,
-            np.concatenate([observations for observations, _ in window]),
-            np.concatenate([intervals for _, intervals in window]),
-            options.fit,
-            options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
-            params.n_joints,
-            seed=options.run.seed + 1000 * generation,
-            quick=options.distil,
-        )
-        strict = sum(returns.strict for returns in played)
-        solved = sum(returns.solved for returns in played)
-        time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
-        row = {
-            "generation": generation + 1,
-            "success": round(solved / max(1, strict), 5),
-            "mean_time_s": round(time_s, 3),
-            "fit_error": round(error, 4),
-        }
-        made = {"command": command(), "config": config, "generation": generation + 1}
-        write_model(_kept(folder.path, generation), Model(kind, params, network, made))
-        rows.append({key: str(value) for key, value in row.items()})
-        folder.write_rows(rows)
-        for stale in (folder.path / f"returns-{first - 1}.npz", _kept(folder.path, generation - 1)):
-            stale.unlink(missing_ok=True)
-        console.print(
-            f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
-        )
-    assert network is not None
-    made = {"command": command(), "config": config, "generations": options.generations}
-    write_model(file, Model(kind, params, network, made))
-    console.print(f"model: {file}")
-    return file
+            first = max(0, generation + 1 - options.window)
+            window = [_returns(folder.path, k) for k in range(first, generation + 1)]
+            network, error = fit(
+                network,
+                np.concatenate([observations for observations, _ in window]),
+                np.concatenate([intervals for _, intervals in window]),
+                options.fit,
+                options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
+                params.n_joints,
+                seed=options.run.seed + 1000 * generation,
+                quick=options.distil,
+            )
+            strict = sum(returns.strict for returns in played)
+            solved = sum(returns.solved for returns in played)
+            time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
+            row = {
+                "generation": generation + 1,
+                "success": round(solved / max(1, strict), 5),
+                "mean_time_s": round(time_s, 3),
+                "fit_error": round(error, 4),
+            }
+            made = {"command": command(), "config": config, "generation": generation + 1}
+            write_model(_kept(folder.path, generation), Model(kind, params, network, made))
+            rows.append({key: str(value) for key, value in row.items()})
+            folder.write_rows(rows)
+            for stale in (
+                folder.path / f"returns-{first - 1}.npz",
+                _kept(folder.path, generation - 1),
+            ):
+                stale.unlink(missing_ok=True)
+            console.print(
+                f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
+            )
+        assert network is not None
+        if finished:
+            console.print("this run is finished")
+        made = {"command": command(), "config": config, "generations": options.generations}
+        write_model(file, Model(kind, params, network, made))
+        console.print(f"model: {file}")
+        return file
 
 
 def _kept(path: Path, generation: int) -> Path:
@@ -173,5 +183,14 @@ def _kept(path: Path, generation: int) -> Path:
 
 
 def _returns(path: Path, generation: int) -> tuple[np.ndarray, np.ndarray]:
-    with np.load(path / f"returns-{generation}.npz") as file:
-        return file["observations"], file["intervals"]
+    file = path / f"returns-{generation}.npz"
+    try:
+        arrays = read_arrays(file, "observations", "intervals", most=_LARGEST)
+        if arrays["observations"].ndim != 2 or len(arrays["observations"]) != len(
+            arrays["intervals"]
+        ):
+            raise ArrayFileError("its arrays do not fit each other")
+    except ArrayFileError as error:
+        expected = f"undamaged returns ({error}; --overwrite begins again)"
+        raise InvalidInputError("returns", str(file), expected) from None
+    return arrays["observations"], arrays["intervals"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluate.journal import write_atomically
+from evaluate.files import write_atomically
 from evaluate.protocol import Row
 from evaluate.report.page import render
 from evaluate.report.replays import collect, sim_1
@@ -23,6 +23,7 @@ def write_report(
     summary: Mapping[str, Any],
     params: SnakeParams,
     suite: TaskSuite,
+    decision_timeout_s: float | None = None,
 ) -> Path:
     """Writes ``report.html``.
 
@@ -33,11 +34,15 @@ def write_report(
         summary: What ``summary.json`` holds.
         params: The constants.
         suite: The tasks.
+        decision_timeout_s: What a decision may take [s]; None: any time.
 
     Returns:
         The file's path.
     """
-    episodes = [*sim_1(rows, params, suite), *collect(policies, rows, params, suite)]
+    episodes = [
+        *sim_1(rows, params, suite, decision_timeout_s),
+        *collect(policies, rows, params, suite),
+    ]
     path = folder / FILE
     write_atomically(path, render(policies, rows, summary, params, episodes))
     return path

@@ -17,6 +17,7 @@ from markupsafe import Markup
 from evaluate.protocol import SKID, Row
 from evaluate.report import charts, paper_figures, svg
 from evaluate.report.charts import Entry
+from evaluate.report.episodes import that_choose
 from evaluate.report.motion import motion_of
 from evaluate.report.replays import SIM_1, Replayed, data
 from evaluate.statistics import wilson95
@@ -44,8 +45,9 @@ def render(
         params: The constants.
         episodes: What to replay.
     """
+    reference = that_choose(policies)[0]
     entries = [
-        Entry(name, style, summary["policies"][name], _ratio(name, policies, rows, summary))
+        Entry(name, style, summary["policies"][name], _ratio(name, reference, rows, summary))
         for style, name in enumerate(policies)
     ]
     compared = [entry for entry in entries if entry.name != SKID] or entries
@@ -95,18 +97,18 @@ def _json(value: Any) -> Markup:
 
 def _ratio(
     name: str,
-    policies: Sequence[str],
+    reference: str,
     rows: Mapping[str, Sequence[Row]],
     summary: Mapping[str, Any],
 ) -> Mapping[str, float] | None:
-    """Mean time over the first policy's, on the tasks that both solve."""
+    """Mean time over the reference's, on the tasks that both solve."""
     for comparison in summary.get("comparisons") or ():
-        if (comparison["reference"], comparison["policy"]) == (policies[0], name):
+        if (comparison["reference"], comparison["policy"]) == (reference, name):
             ratio: Mapping[str, float] | None = comparison.get("time_ratio")
             return ratio
     own, first = (
         {row["task"]: row["time_s"] for row in rows[policy] if row["outcome"] == "success"}
-        for policy in (name, policies[0])
+        for policy in (name, reference)
     )
     common = own.keys() & first.keys()
     base = sum(first[task] for task in common)
@@ -120,10 +122,9 @@ def _headlines(entries: Sequence[Entry], summary: Mapping[str, Any]) -> list[str
     return told or [_headline(entry) for entry in entries]
 
 
-def _comparisons(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The comparisons with the first policy, but for skidding, which does something else."""
-    known = summary.get("comparisons") or ()
-    return [comparison for comparison in known if comparison["policy"] != SKID]
+def _comparisons(summary: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """The comparisons with the first policy that chooses modes."""
+    return summary.get("comparisons") or []
 
 
 def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:

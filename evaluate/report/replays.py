@@ -40,7 +40,10 @@ class Replayed:
 
 
 def sim_1(
-    rows: Mapping[str, Sequence[Row]], params: SnakeParams, suite: TaskSuite
+    rows: Mapping[str, Sequence[Row]],
+    params: SnakeParams,
+    suite: TaskSuite,
+    decision_timeout_s: float | None = None,
 ) -> list[Replayed]:
     """The paper's first simulation by every policy of ``rows``, on the same floor.
 
@@ -52,7 +55,9 @@ def sim_1(
     try:
         state = load_tasks(SIM_1, params).initial(0, params)
         played = {
-            policy: run_shard(Shard(policy, [0], [state], params, slip=slip_of(own[0])))[0]
+            policy: run_shard(
+                Shard(policy, [0], [state], params, decision_timeout_s, slip_of(own[0]))
+            )[0]
             for policy, own in rows.items()
         }
     except SnakeEnvError:

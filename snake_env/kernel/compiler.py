@@ -28,6 +28,7 @@ _log = logging.getLogger(__name__)
 _ENGINES: list[llvm.ExecutionEngine] = []
 _MACHINE_OPTIONS = {"opt": 2, "reloc": "pic"}
 _PASS_OPTIONS = {"speed_level": 1}
+_LARGEST_CODE = 64 * 2**20  # bytes; kernels have about a hundredth of it
 _COMPARISONS = ("olt", "ole", "ogt", "oge", "oeq")
 
 BlockFunction = Callable[[int, int, int, int, int], None]
@@ -185,8 +186,8 @@ def load(ir: str, what: str) -> BlockFunction:
     made_by = (llvmlite.__version__, llvm.llvm_version_info, cpu, features)
     made_how = (sorted(_MACHINE_OPTIONS.items()), sorted(_PASS_OPTIONS.items()))
     key = hashlib.sha256(f"{made_by}{made_how}{ir}".encode()).hexdigest()[:32]
-    path = cache_folder() / f"{key}.bin"
-    code = _read_cache(path)
+    folder = cache_folder()
+    code = None if folder is None else _read_cache(folder / f"{key}.bin")
     if code is None:
         _log.warning("compiling the kernel for %s, once", what)
         module = llvm.parse_assembly(ir)
@@ -195,7 +196,10 @@ def load(ir: str, what: str) -> BlockFunction:
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)
         code = machine.emit_object(module)
-        _write_cache(path, code)
+        if folder is None:
+            _warn("without a home folder")
+        else:
+            _write_cache(folder / f"{key}.bin", code)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -206,15 +210,26 @@ def load(ir: str, what: str) -> BlockFunction:
     return function
 
 
-def cache_folder() -> Path:
-    """Where compiled kernels are kept: ``$SNAKE_ENV_CACHE_DIR``, or the user's cache folder."""
+def cache_folder() -> Path | None:
+    """Where compiled kernels are kept: ``$SNAKE_ENV_CACHE_DIR``, or the user's cache folder.
+
+    None where the user has no home: neither ``$HOME`` nor an entry in the list of users.
+    """
     chosen = os.environ.get(CACHE_VARIABLE)
-    return Path(chosen) if chosen else platformdirs.user_cache_path("snake-mode-env")
+    if chosen:
+        return Path(chosen)
+    try:
+        folder = platformdirs.user_cache_path("snake-mode-env")
+    except (RuntimeError, LookupError):
+        return None
+    return folder if folder.is_absolute() else None  # "~/..." where ~ stands for nothing
 
 
 def _read_cache(path: Path) -> bytes | None:
     """The cached machine code, unless there is none or the file is damaged."""
     try:
+        if not path.is_file() or path.stat().st_size > _LARGEST_CODE:
+            return None
         data = path.read_bytes()
     except OSError:
         return None
@@ -223,20 +238,27 @@ def _read_cache(path: Path) -> bytes | None:
 
 
 def _write_cache(path: Path, code: bytes) -> None:
-    """Keeps machine code for the next process; a reader never sees half a file."""
+    """Keeps machine code for other processes and users; a reader never sees half a file."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.parent.is_dir():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.parent.chmod(0o755)  # whatever the umask: code is no secret
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(hashlib.sha256(code).digest() + code)
         try:
+            os.chmod(file.name, 0o644)  # temporary files are their owner's alone
             os.replace(file.name, path)
         except OSError:
             os.unlink(file.name)
             raise
     except OSError as error:
-        warnings.warn(
-            f"can't keep compiled code in {path.parent} ({error.strerror}): every process compiles "
-            f"anew; set {CACHE_VARIABLE} to a folder that can be written",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        _warn(f"in {path.parent} ({error.strerror})")
+
+
+def _warn(where: str) -> None:
+    warnings.warn(
+        f"can't keep compiled code {where}: every process compiles it again; "
+        f"set {CACHE_VARIABLE} to a folder that can be written",
+        RuntimeWarning,
+        stacklevel=3,
+    )

@@ -5,8 +5,8 @@ They take the dict observations of ``SnakeVecEnv(mask_in_observation=True)``: th
 training as in the policy that is exported, and its answer is the mean of both: what is learned of a
 state holds for its image.
 
-``predict`` repeats a mode that did nothing, where the policies of ``snake_env.load_policy`` do not: give
-the env ``no_repeat=True`` and both play alike.
+``predict`` repeats a mode that did nothing, where the policies of ``snake_env.load_policy`` do not:
+give the env ``no_repeat=True`` and both play alike.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ TASKS = ("--tasks", "random:12:3", "--workers", "1", "--no-pictures")
 
 def _command(*arguments: object) -> int:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "_take_signals", lambda handler: None)
         patch.setattr(sys, "argv", ["evaluate", *map(str, arguments)])
         return command.main()
 
@@ -99,6 +98,17 @@ def _drop_last_line(folder: Path) -> None:
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
 
 
+def _closer(folder: Path) -> None:
+    """Changes a figure of an episode; the summary stays as it is."""
+    with (folder / "episodes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    rows[0]["d_min"] = "0.001"
+    with (folder / "episodes.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
     "interrupted": (
         lambda f: (f / "episodes.partial.jsonl").touch(),
@@ -114,7 +124,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
     ),
     "no JSON": (
         lambda f: (f / "summary.json").write_text('{"poli'),
-        r"the summary of a run \(JSONDecodeError",
+        r"the summary of a run \(it is no JSON",
     ),
     "bytes": (lambda f: (f / "summary.json").write_bytes(b"\xff\x00"), "the summary of a run"),
     "a list": (lambda f: (f / "summary.json").write_text("[]"), "the summary of a run"),
@@ -133,7 +143,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
     ),
     "success that is none": (
         lambda f: _edit(f, lambda s: s["policies"]["random"].update(success=11)),
-        "11 successes of random, as its summary says",
+        r"\(success of random is 11; its episodes give \d\)",
     ),
     "other columns": (
         lambda f: _write(f, "episodes.csv", "policy,task", "policy,number"),
@@ -161,6 +171,43 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
         ),
         "p95 is 'soon'",
     ),
+    "an endless latency": (
+        lambda f: _write(f, "summary.json", '"p95": ', '"p95": Infinity, "p95.": '),
+        "Infinity is no number in JSON",
+    ),
+    "a negative latency": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"]["decision_latency_us"].update(p50=-1)),
+        "p50 is -1",
+    ),
+    "a trillion tasks": (
+        lambda f: _edit(f, lambda s: s["tasks"].update(n=10**12)),
+        "one row for each of 1,000,000,000,000 tasks; random has 12 rows",
+    ),
+    "a number of 10,000 digits": (
+        lambda f: _write(f, "summary.json", '"n": 12', '"n": ' + "9" * 10_000),
+        "it is no JSON",
+    ),
+    "deep brackets": (
+        lambda f: (f / "summary.json").write_text("[" * 100_000),
+        "it is nested too deeply",
+    ),
+    "another rate": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"].update(success_rate=0.99)),
+        r"success_rate of random is 0\.99; its episodes give 0\.",
+    ),
+    "another interval": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"].update(wilson95=[0.9, 1.0])),
+        r"wilson95 of random is \[0\.9, 1\.0\]",
+    ),
+    "another cost": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"].update(rollouts_per_decision=None)),
+        "rollouts_per_decision of random is None",
+    ),
+    "fewer failures": (
+        lambda f: _edit(f, lambda s: s["policies"]["random"].update(failures_by_phase={})),
+        r"failures_by_phase of random is \{\}",
+    ),
+    "an episode that went otherwise": (_closer, "d_min of random is"),
     "an unknown outcome": (
         lambda f: _write(f, "episodes.csv", ",success,", ",boredom,"),
         "outcome = 'boredom'",
@@ -214,7 +261,7 @@ def test_damaged_folder__is_refused_in_one_line(
         ("a a", r"DIR = .*a': expected each folder once"),
         ("a missing", r"DIR = .*missing': expected a result folder"),
         ("a b --overwrite", r"out = None: expected a folder, to go with --overwrite"),
-        ("a b --out b", r"out = .*b': expected an empty folder"),
+        ("a b --out b", r"out = .*b': expected none of the folders that are compared"),
     ],
 )
 def test_folders_that_do_not_fit__are_refused(

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,6 +25,9 @@ from evaluate.comparison import (
     signed_rank,
 )
 from evaluate.seeds import groups, mean_over_seeds, seed_entries
+from evaluate.summary import build_summary, sentences
+from tests.support.evaluations import rows_of
+from tests.support.robots import PAPER
 
 HORIZON = 300.0
 INTERVALS = (
@@ -241,6 +245,36 @@ def test_few_equal_differences__establish_nothing() -> None:
     assert "no difference in time is established" in _compare([30.0] * 3, [27.0] * 3)["sentence"]
 
 
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("shift", [-0.2, 0.0, 0.1, 0.6])
+def test_time_sentence__says_what_its_interval_says(seed: int, shift: float) -> None:
+    """Differences that the signed-rank test and the interval of the mean judge differently."""
+    rng = np.random.default_rng(seed)
+    first = rng.integers(8, 30, 60) * 3.0
+    second = np.maximum(first + shift + rng.exponential(3.0, 60) - 3.0, 1.0)
+    entry = _compare(first.tolist(), second.tolist())
+    interval, told = entry["time_difference_s"], entry["sentence"].split("; ")[1]
+    established = interval["low"] > 0 or interval["high"] < 0
+    assert ("no difference in time" not in told) == established
+    low, high = (float(text) for text in re.search(r"\[([^,]+), ([^\]]+)\]", told).groups())
+    assert (low > 0 or high < 0) == established  # so it looks
+
+
+def test_skewed_times__are_judged_by_the_interval_that_is_shown() -> None:
+    """Most tasks take a little longer, a few take much less: the signed-rank test sees the former."""
+    first = [60.0] * 40
+    second = [60.3] * 34 + [30.0] * 6
+    entry = _compare(first, second)
+    assert entry["wilcoxon_p"] < 0.05
+    assert entry["time_difference_s"]["high"] < 0
+    assert "it needs 4.2 s less" in entry["sentence"]
+
+
+def test_tiny_difference__does_not_look_like_none() -> None:
+    entry = _compare([30.0] * 40, [30.002] * 40)
+    assert "it needs 0.002 s more, 95 % [0.002, 0.002]" in entry["sentence"]
+
+
 def test_p_values__are_corrected_when_there_are_several() -> None:
     reference = [30.0] * 40 + [None] * 7
     results = {
@@ -254,6 +288,26 @@ def test_p_values__are_corrected_when_there_are_several() -> None:
     assert a["wilcoxon_p_holm"] is None
     assert b["wilcoxon_p_holm"] == b["wilcoxon_p"]  # the only one
     assert "(p = 0.031 after Holm)" in a["sentence"]
+
+
+@pytest.mark.parametrize("names", [("analytic", "skid", "ppo"), ("skid", "analytic", "ppo")])
+@pytest.mark.parametrize("suffix", ["", " (runs/a)"])
+def test_skid__is_compared_with_nobody(names: tuple[str, ...], suffix: str) -> None:
+    config = {"tasks": {}, "preset": "paper", "params": {}, "slip": [0.0, 0.0]}
+    rows = {name: [row | {"policy": name} for row in rows_of("random")] for name in names}
+    rows = {f"{name}{suffix}" if name == "skid" else name: rows[name] for name in names}
+    summary = build_summary(config, rows, {}, PAPER, "")
+    assert list(summary["policies"]) == list(rows)
+    pairs = [(entry["reference"], entry["policy"]) for entry in summary["comparisons"]]
+    assert pairs == [("analytic", "ppo")]
+    assert list(summary["profiles"]) == ["analytic", "ppo"]
+    assert not any("skid" in sentence for sentence in sentences(summary))
+
+
+def test_skid_alone__has_no_comparisons() -> None:
+    config = {"tasks": {}, "preset": "paper", "params": {}, "slip": [0.0, 0.0]}
+    summary = build_summary(config, {"skid": rows_of("skid")}, {}, PAPER, "")
+    assert (summary["comparisons"], summary["profiles"], summary["seeds"]) == ([], {}, {})
 
 
 def test_one_policy__is_compared_with_nothing() -> None:

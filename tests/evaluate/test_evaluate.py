@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from rich.console import Console
 
 from evaluate import __main__ as command
-from evaluate.command import console
+from evaluate.command import PlainConsole, console
 from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
@@ -177,8 +176,8 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
     command = "python -m evaluate analytic random skid --tasks random:6:3 --preset paper"
     assert summary["command"] == command
     pairs = [(entry["reference"], entry["policy"]) for entry in summary["comparisons"]]
-    assert pairs == [("analytic", "random"), ("analytic", "skid")]
-    assert summary["profiles"].keys() == summary["policies"].keys()
+    assert pairs == [("analytic", "random")]
+    assert summary["profiles"].keys() == summary["policies"].keys() - {"skid"}
     assert summary["seeds"] == {}
     for name, figures in summary["policies"].items():
         assert figures.keys() >= POLICY_KEYS
@@ -258,7 +257,7 @@ def test_tables__fit_into_80_columns() -> None:
     }
     out = io.StringIO()
     for _, table in result_tables(summary):
-        Console(file=out, width=80).print(table)
+        PlainConsole(file=out, width=80).print(table)
     text = out.getvalue()
     assert "\u2026" not in text  # nothing is cut off
     for figure in (
@@ -346,12 +345,11 @@ BAD = {
     "random --out {tmp}/results": r"out = .*results': expected an empty folder",
     "random --out {tmp}/file": r"out = .*file': expected a folder to write to",
     "random --out {tmp}/file/below": r"out = .*below': expected a folder to write to",
-    "random --slip -1 0": r"slip = \(-1\.0, 0\.0\): expected \(m, rad\): two numbers, zero or pos",
+    "random --slip -1 0": r"slip = \(-1\.0, 0\.0\): expected \(m, rad\): two numbers",
     "random skid --slip 0.01 0": r"slip = \(0\.01, 0\.0\): expected no slip for skid",
     "random --video 500": r"video = '500': expected default, or a list of sim-1 and tasks from 0",
     "random --overwrite --resume": r"overwrite = True: expected one of --overwrite and --resume",
-    "random --resume": r"resume = .*out': expected a folder with an interrupted run",
-    "random --resume --out {tmp}/results": r"resume = .*: expected a folder with an interrupted run",
+    "random --resume --out {tmp}/results": r"resume = .*: expected the summary of a run",
 }
 PROCESSES = ("", "analytc", "random --tasks {tmp}/objects.npz", "random --out {tmp}/file/below")
 
@@ -536,7 +534,7 @@ def test_run_whose_workers_died__keeps_what_it_has(
     signal.signal(signal.SIGTERM, handler)
     assert capsys.readouterr().err == (
         "error: workers died 6 times: killed: 3 finished episodes are in "
-        f"{out}: --resume goes on from there\n"
+        f"{out}: --resume continues from there\n"
     )
     assert [row["task"] for row in _rows(out)] == ["0", "1", "2"]
     assert (out / "episodes.partial.jsonl").is_file()
@@ -547,7 +545,6 @@ def test_shards_of_many_tasks__give_the_same_rows(
 ) -> None:
     monkeypatch.setattr(command, "_LEAST_SHARDS", 1)
     monkeypatch.setattr(command, "_MOST_TASKS", 4)
-    monkeypatch.setattr(command, "_take_signals", lambda handler: None)
     sizes = []
     monkeypatch.setattr(
         command, "run_shard", lambda shard: (sizes.append(len(shard.tasks)), run_shard(shard))[1]
@@ -575,7 +572,7 @@ def test_full_disk__ends_the_run_in_one_line_and_keeps_what_is_finished(
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (1, "")
     pattern = (
-        r"error: .*File too large: (\d) finished episodes are in .*: --resume goes on from there"
+        r"error: .*File too large: (\d) finished episodes are in .*: --resume continues from there"
     )
     match = re.fullmatch(pattern, done.stderr.strip())
     assert match, done.stderr
@@ -609,7 +606,7 @@ def test_full_disk_behind_stdout__is_told_in_one_line() -> None:
 
 def test_sentences__are_the_last_that_is_printed(folder: Path, report: Path) -> None:
     told = [entry["sentence"] for entry in _summary(report)["comparisons"]]
-    assert (folder / "table").read_text().splitlines()[-2:] == told
+    assert (folder / "table").read_text().splitlines()[-len(told) :] == told
 
 
 def test_seeds_of_a_method__are_summed_up(tmp_path: Path) -> None:
@@ -618,8 +615,7 @@ def test_seeds_of_a_method__are_summed_up(tmp_path: Path) -> None:
     for seed in range(2):
         run = tmp_path / f"imitate-s{seed}"
         run.mkdir()
-        for suffix in (".json", ".safetensors"):
-            shutil.copy(shipped.with_suffix(suffix), (run / "best").with_suffix(suffix))
+        shutil.copy(shipped.with_suffix(".safetensors"), run / "best.safetensors")
         names.append(run / "best.safetensors")
     printed = _good(
         "skid", *names, "--tasks", "random:4:3", "--no-latency", "--out", tmp_path / "o"

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from evaluate.journal import write_atomically
+from evaluate.files import write_atomically
+from evaluate.folder import held
 from evaluate.protocol import COLUMNS, Row
-from evaluate.store import Store
+from evaluate.store import LAYOUT, Store
 from snake_env.errors import InvalidInputError
 
 CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}
@@ -36,7 +37,8 @@ def _result(policy: str, first: int, **changes: Any) -> list[Row]:
 
 
 def _store(folder: Path, *, resume: bool = False, overwrite: bool = False) -> Store:
-    return Store(folder, CONFIG, overwrite=overwrite, resume=resume)
+    with held(folder, LAYOUT, overwrite=overwrite, resume=resume) as found:
+        return Store(folder, CONFIG, resume=found == "begun")
 
 
 def _written(folder: Path) -> list[tuple[str, int]]:
@@ -45,7 +47,9 @@ def _written(folder: Path) -> list[tuple[str, int]]:
 
 
 def _write(store: Store, summary: dict[str, Any], *, complete: bool) -> None:
-    store.write({name: store.rows(name) for name in "ba"}, summary, complete=complete)
+    store.write({name: store.rows(name) for name in "ba"}, summary)
+    if complete:
+        store.finish()
 
 
 def _names(folder: Path) -> set[str]:
@@ -64,7 +68,7 @@ def test_results__are_sorted_whatever_the_order_of_arrival(tmp_path: Path) -> No
 
 
 def test_rows__are_what_was_added() -> None:
-    store = Store(None, CONFIG, overwrite=False, resume=False)
+    store = Store(None, CONFIG, resume=False)
     for first in (10, 0):
         store.add(_result("a", first))
     rows = store.rows("a")
@@ -136,11 +140,20 @@ FOREIGN = {
     "no rows": {"rows": 3},
     "an unknown policy": {"rows": [_row("c", 20)]},
     "a task that is not in the suite": {"rows": [_row("a", 30)]},
-    "a task twice": {"rows": [_row("a", 20), _row("a", 20)]},
-    "a task that is there already": {"rows": [_row("a", 3)]},
     "two policies": {"rows": [_row("a", 20), _row("b", 20)]},
     "other columns": {"rows": [{"policy": "a", "task": 20}]},
     "a text for a number": {"rows": [_row("a", 20, time_s="soon")]},
+    "nothing": None,
+    "an empty object": {},
+    "an unknown outcome": {"rows": [_row("a", 20, outcome="victory")]},
+    "no outcome": {"rows": [_row("a", 20, outcome="")]},
+    "a negative task": {"rows": [_row("a", -1)]},
+    "a task of 10^12": {"rows": [_row("a", 10**12)]},
+    "a time before the beginning": {"rows": [_row("a", 20, time_s=-3.0)]},
+    "an endless time": {"rows": [_row("a", 20, time_s=math.inf)]},
+    "modes that are none": {"rows": [_row("a", 20, modes="1 x")]},
+    "a list for a text": {"rows": [_row("a", 20, error=["a"])]},
+    "a truth value for a number": {"rows": [_row("a", 20, intervals=True)]},
     "a number that is too large": {"rows": [_row("a", 20, intervals=10**30)]},
 }
 
@@ -174,15 +187,32 @@ def test_resume__refuses_another_config(tmp_path: Path, other: dict[str, Any]) -
     _store(tmp_path).add(_result("a", 0))
     before = (tmp_path / "episodes.partial.jsonl").read_bytes()
     with pytest.raises(InvalidInputError, match="same policies, tasks, options and constants"):
-        Store(tmp_path, other, overwrite=False, resume=True)
+        Store(tmp_path, other, resume=True)
     assert (tmp_path / "episodes.partial.jsonl").read_bytes() == before
 
 
-def test_resume__refuses_a_folder_without_a_run_and_makes_none(tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", [3, 15])
+def test_resume__skips_what_is_doubled(tmp_path: Path, task: int) -> None:
+    """Two processes may once have written to one journal; the line that was first counts."""
+    store = _store(tmp_path)
+    store.add(_result("a", 0))
+    partial = tmp_path / "episodes.partial.jsonl"
+    with partial.open("a") as file:
+        for rows in (_result("a", 0), [_row("a", task, phase=1)], [_row("a", task, phase=2)]):
+            file.write(json.dumps({"rows": rows}) + "\n")
+    again = _store(tmp_path, resume=True)
+    assert again.done == (10 if task == 3 else 11)
+    (row,) = [row for row in again.rows("a") if row["task"] == task]
+    assert row["phase"] == (9 if task == 3 else 1)
+
+
+def test_resume__begins_where_there_is_nothing(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(InvalidInputError, match="interrupted run"):
-            _store(folder, resume=True)
-    assert not (tmp_path / "missing").exists()
+        store = _store(folder, resume=True)
+        assert store.missing("a") == list(range(30))
+        store.add(_result("a", 0))
+        assert _store(folder, resume=True).done == 10
+        (folder / "episodes.partial.jsonl").unlink()
 
 
 def test_existing_results__are_refused_or_overwritten(tmp_path: Path) -> None:
@@ -215,7 +245,7 @@ def test_folder_below_a_file__is_refused(tmp_path: Path) -> None:
 
 def test_store_without_folder__writes_nothing(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
-    store = Store(None, CONFIG, overwrite=False, resume=False)
+    store = Store(None, CONFIG, resume=False)
     store.add(_result("a", 0))
     _write(store, {}, complete=True)
     assert len(store.rows("a")) == 10

@@ -3,14 +3,18 @@
 import hashlib
 import os
 import re
+import stat
 import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from snake_env.equations.tracing import Trace
 from snake_env.kernel import compiler
@@ -97,7 +101,7 @@ def test_load__warns_where_the_cache_cannot_be_written(
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv(compiler.CACHE_VARIABLE, str(tmp_path / "file" / "cache"))
-    with pytest.warns(RuntimeWarning, match="every process compiles anew"):
+    with pytest.warns(RuntimeWarning, match="every process compiles it again"):
         function = compiler.load(_ir(2.0), "a test")
     assert _call(function) == 3.0
 
@@ -167,6 +171,75 @@ def test_cache_folder__is_the_users_unless_chosen(
     assert compiler.cache_folder() == tmp_path
     monkeypatch.delenv(compiler.CACHE_VARIABLE)
     assert compiler.cache_folder().name == "snake-mode-env"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs rights and users of POSIX")
+@pytest.mark.parametrize("umask", [0o022, 0o077])
+def test_cache__can_be_read_by_all_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, umask: int
+) -> None:
+    folder = tmp_path / "new" / "cache"
+    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(folder))
+    before = os.umask(umask)
+    try:
+        compiler.load(_ir(2.0), "a test")
+    finally:
+        os.umask(before)
+    (path,) = folder.iterdir()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o755
+
+
+HOMELESS = """
+import os, pwd, sys
+os.environ.pop("HOME", None)
+for name in [key for key in os.environ if key.startswith("XDG")]:
+    del os.environ[name]
+def nobody(uid):
+    raise KeyError(f"getpwuid(): uid not found: {uid}")
+pwd.getpwuid = nobody
+from snake_env.kernel import compiler
+os.environ.update(dict(pair.split("=", 1) for pair in sys.argv[1:]))
+print(compiler.cache_folder())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs rights and users of POSIX")
+@pytest.mark.parametrize("variables", [(), ("HOME=",), ("HOME=somewhere",), ("XDG_CACHE_HOME=x",)])
+def test_user_without_home__compiles_without_a_cache(
+    tmp_path: Path, variables: tuple[str, ...]
+) -> None:
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", HOMELESS + PREDICT, *variables],
+        cwd=tmp_path, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout[:5]) == (0, "None\n"), done.stderr
+    assert "without a home folder" in done.stderr
+    assert list(tmp_path.iterdir()) == []  # nor is there a folder named ~
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_in_the_cache__are_no_code(content: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "key.bin"
+        path.write_bytes(content)
+        assert compiler._read_cache(path) is None
+        code = hashlib.sha256(content).digest() + content
+        path.write_bytes(code)
+        assert compiler._read_cache(path) == content
+        for at in range(0, 8 * len(code), 7):  # single bits
+            path.write_bytes(
+                code[: at // 8] + bytes([code[at // 8] ^ (1 << at % 8)]) + code[at // 8 + 1 :]
+            )
+            assert compiler._read_cache(path) is None
+
+
+def test_what_is_no_file_in_the_cache__is_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.bin"
+    os.mkfifo(pipe)
+    for path in (pipe, tmp_path, tmp_path / "missing.bin", pipe / "below.bin"):
+        assert compiler._read_cache(path) is None
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 8])

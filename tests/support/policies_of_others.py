@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any
 
@@ -55,3 +56,53 @@ def uncounted(params: SnakeParams) -> object:
 
 def failing(params: SnakeParams) -> object:
     raise RuntimeError("no\nweights")
+
+
+class Wandering(FirstFeasiblePolicy):
+    """Changes the folder that relative paths begin in, and never comes back."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        os.chdir("/")
+        return super().select_mode(state)
+
+
+def wanderer(params: SnakeParams) -> Wandering:
+    os.chdir("/")
+    return Wandering(params)
+
+
+class OutsideSuite(FirstFeasiblePolicy):
+    """Decides at once in a suite's tasks, and never in those that only pictures show."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        if abs(state.target[0] - 0.29) < 1e-9:  # simulation 1
+            while True:
+                time.sleep(0.1)
+        return super().select_mode(state)
+
+
+class Screaming(FirstFeasiblePolicy):
+    """Fails with a text that a terminal would obey."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        raise RuntimeError("\x1b[2J\x1b]0;mine\x07 [red]no[/blue] \udcff\u202e")
+
+
+class Unprintable(FirstFeasiblePolicy):
+    """Fails with an exception that has no text."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        class SilentError(Exception):
+            def __str__(self) -> str:
+                raise ValueError("no text")
+
+        raise SilentError
+
+
+class Forgetful(FirstFeasiblePolicy):
+    """Loses count of its roll-outs."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        mode = super().select_mode(state)
+        self.rollouts = None  # type: ignore[assignment]
+        return mode

@@ -148,7 +148,6 @@ BAD = {
     "solve --workers 0": r"^workers = 0: expected a positive number, or -1",
     "solve --engine rays": r"rays",
     "solve --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
-    "solve --tasks random:2 --resume": r"^resume = .*: expected a folder with an interrupted run$",
     "solve --tasks random:2 --improve {tmp}/none.csv": r"none\.csv.*No such file",
     "solve --tasks random:2 --improve {tmp}": r"^improve = .*Is a directory",
     "imitate --near-limits 1.5": r"^near_limits = 1\.5: expected a number from 0 to 1$",
@@ -177,7 +176,6 @@ BAD = {
     "value --hidden": r"hidden",
     "value --seed -1": r"seed = -1: expected an integer from 0",
     "value --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
-    "value --resume": r"^resume = .*: expected a folder with a run$",
     "value --address here": r"^address = 'here': expected --engine ray to go with it$",
 }
 
@@ -262,7 +260,7 @@ def test_harvest__that_is_interrupted_resumes_as_if_nothing_had_happened(
 ) -> None:
     _interrupt(after, *harvest, tmp_path)
     assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
-    assert "--resume to go on" in _refusal(capsys, *harvest, tmp_path)
+    assert "--resume" in _refusal(capsys, *harvest, tmp_path)
     told = _refusal(capsys, *harvest, tmp_path, "--seed", "1", "--resume")
     assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
     with pytest.MonkeyPatch.context() as patch:
@@ -279,7 +277,7 @@ def test_harvest__keeps_one_unless_told_otherwise(
 ) -> None:
     before = _tree(harvested)
     told = _refusal(capsys, *harvest, harvested)
-    assert re.search(r"^out = .*: expected a folder without a harvest \(or --overwrite", told)
+    assert re.search(r"^out = .*: expected an empty folder \(or --overwrite", told)
     assert _tree(harvested) == before
 
 
@@ -376,13 +374,13 @@ def test_solve__keeps_plans_unless_told_otherwise(
     _good(*quick, 5)
     before = _tree(tmp_path)
     told = _refusal(capsys, *quick, 6)
-    assert re.search(r"^out = .*: expected a folder without plans \(or --overwrite", told)
+    assert re.search(r"^out = .*: expected an empty folder \(or --overwrite", told)
     assert _tree(tmp_path) == before
     _good(*quick, 9, "--overwrite")
     assert [row["rollouts"] for row in _plans(tmp_path)] == ["10", "10"]
     _interrupt(1, *quick, 5, "--overwrite")
     before = _tree(tmp_path)
-    assert "--resume to go on" in _refusal(capsys, *quick, 5)
+    assert "--resume" in _refusal(capsys, *quick, 5)
     assert _tree(tmp_path) == before
     _good(*quick, 5, "--resume")
     assert [row["rollouts"] for row in _plans(tmp_path)] == ["5", "5"]
@@ -636,7 +634,9 @@ def test_value__keeps_a_run_unless_told_otherwise(
     _good(*once)
     before = _tree(tmp_path)
     told = _refusal(capsys, *once)
-    assert told.endswith("expected a new folder (or --resume to go on, or --overwrite)")
+    assert told.endswith(
+        "expected an empty folder (or --overwrite to replace what is there, or --resume)"
+    )
     assert _tree(tmp_path) == before
     _good(*once, "--overwrite", "--seed", 5)
     assert json.loads((tmp_path / "run.json").read_text())["config"]["seed"] == 5

@@ -1,0 +1,131 @@
+"""Files that a killed process can't leave half-written, that are read in bounds, and their names."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, NoReturn, TextIO
+
+LARGEST = 256 * 2**20
+"""Bytes that are read of a file, unless a caller says otherwise."""
+_LONGEST_NAME = 60  # characters; with what stands around it far below the 255 bytes of file systems
+_STRAY = re.compile(r"tmp[a-z0-9_]{8}|\..*\.partial")
+
+
+class FileError(ValueError):
+    """A file that can't be read; the text is the reason."""
+
+
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+    """The content of a file.
+
+    Raises:
+        FileError: It is no file that exists, can't be read, or has more than ``most`` bytes.
+    """
+    try:
+        size = path.stat().st_size
+        if not path.is_file():
+            raise FileError("it is no file")
+        if size > most:
+            raise FileError(f"it has {size:,} bytes; at most {most:,} are read")
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(error.strerror or str(error)) from None
+    except ValueError as error:  # a null character in the path
+        raise FileError(str(error)) from None
+
+
+def read_text(path: Path, most: int = LARGEST) -> str:
+    """The text in a file.
+
+    Raises:
+        FileError: As :func:`read_bytes`, or it is no text in UTF-8.
+    """
+    try:
+        return read_bytes(path, most).decode()
+    except UnicodeDecodeError:
+        raise FileError("it is no text in UTF-8") from None
+
+
+def read_json(path: Path, most: int = LARGEST) -> Any:
+    """The value in a file of JSON.
+
+    Raises:
+        FileError: As :func:`read_text`, or it is no JSON.
+    """
+    return parsed_json(read_text(path, most))
+
+
+def parsed_json(text: str) -> Any:
+    """The value of a text in JSON: NaN and Infinity are none.
+
+    Raises:
+        FileError: It is no JSON, or nested too deeply.
+    """
+    try:
+        return json.loads(text, parse_constant=_refuse)
+    except RecursionError:
+        raise FileError("it is nested too deeply") from None
+    except ValueError as error:
+        raise FileError(f"it is no JSON: {error}") from None
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no number in JSON")
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Writes a file so that a reader sees the old one or the whole new one."""
+    data = content.encode() if isinstance(content, str) else content
+    with _replacing(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_writer(path: Path) -> Iterator[TextIO]:
+    """A text file to write to, which takes the place of the old one when it is complete."""
+    with (
+        _replacing(path) as file,
+        io.TextIOWrapper(file, encoding="utf-8", newline="") as text,
+    ):
+        yield text
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
+        "wb", dir=path.parent, delete=False
+    )
+    try:
+        with file:
+            yield file
+        os.chmod(file.name, 0o644)
+        os.replace(file.name, path)
+    except BaseException:
+        Path(file.name).unlink(missing_ok=True)
+        raise
+
+
+def is_stray(path: Path) -> bool:
+    """Whether it is what a killed process left of a file that it was writing."""
+    return _STRAY.fullmatch(path.name) is not None and path.is_file()
+
+
+def file_name(name: str) -> str:
+    """A policy's or a suite's name or path as part of a file's name: safe, short, and its own.
+
+    Names that differ, be it in the case of letters, have different results.
+    """
+    safe = re.sub(r"[^A-Za-z0-9_.+=,-]+", "-", name.removesuffix(".safetensors")).strip("-.")
+    safe = safe[-_LONGEST_NAME:].lower()  # of a path the end matters
+    if safe == name:
+        return safe
+    digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:8]
+    return f"{safe}-{digest}" if safe else digest

@@ -1,0 +1,130 @@
+"""What commands print: texts as they are, and what a terminal would obey as an escape."""
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.table import Table
+
+from evaluate.command import PlainConsole, complain, exit_code
+from evaluate.progress import progress
+from tests.support import ROOT
+
+ODD = [
+    "res[/red]",
+    "res[new]",
+    "[bold]x[/bold]",
+    "[link=file:///]x",
+    ":100: 1",
+    "a\\[b]",
+    "[@click=f]",
+]
+CONTROLS = [
+    "\x1b[2J",
+    "\x1b]0;title\x07",
+    "a\rb",
+    "\x9b31m",
+    "\u202ereversed",
+    "half \udcff a pair",
+]
+
+
+@contextmanager
+def _printing() -> Iterator[tuple[PlainConsole, io.StringIO]]:
+    file = io.StringIO()
+    yield PlainConsole(file=file, width=200), file
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_names__are_no_markup(name: str) -> None:
+    with _printing() as (console, file):
+        console.print(f"results: {name}/", soft_wrap=True)
+        console.print(name, style="bold")
+        table = Table("policy", name)
+        table.add_row(name, name)
+        console.print(table)
+        with progress(console, 2, "episodes") as advance:
+            advance(name, 2)
+    assert file.getvalue().count(name) == 5
+    assert f"results: {name}/\n" in file.getvalue()
+
+
+@pytest.mark.parametrize("name", ODD + CONTROLS)
+def test_progress_in_a_terminal__shows_names_as_they_are(name: str) -> None:
+    file = io.StringIO()
+    console = PlainConsole(file=file, width=200, force_terminal=True)
+    with progress(console, 3, "episodes") as advance:
+        advance(name, 1)
+    if name in ODD:
+        assert name in file.getvalue()
+    assert not any(char in file.getvalue() for char in "\x9b\u202e\udcff\x07")
+
+
+@pytest.mark.parametrize("text", CONTROLS)
+def test_controls__never_reach_the_terminal(text: str, capsys: Any) -> None:
+    with _printing() as (console, file):
+        console.print(f"first\n{text}", soft_wrap=True)
+        table = Table(text, box=None)
+        table.add_row(text)
+        console.print(table)
+    complain(f"error: {text}")
+    written = file.getvalue() + capsys.readouterr().err
+    assert written.isascii()
+    assert all(char.isprintable() or char == "\n" for char in written)
+
+
+def test_rate_and_time_left__count_what_is_done_now_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("evaluate.progress.time.monotonic", lambda: now[0])
+    with _printing() as (console, file), progress(console, 1_000_000, "decisions", 900_000) as step:
+        now[0] += 10.0
+        step("ppo", 10_000)
+    assert file.getvalue() == "ppo: 910000/1000000 decisions, 1000/s, 90 s left\n"
+
+
+def _shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    words = ["sh", "-c", line.replace("PYTHON ", f"{sys.executable} ")]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("closed", [">&-", "<&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams__are_done_without(tmp_path: Path, closed: str) -> None:
+    line = "PYTHON -m evaluate random --tasks random:2 --no-latency --out out --workers 1"
+    done = _shell(f"{line} {closed}", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert all(line.startswith("compiling") for line in done.stderr.splitlines())
+    names = {"episodes.csv", "summary.json", "report.html"}
+    assert names <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.parametrize("command", ["evaluate no-such", "train no-such", "train --help"])
+def test_closed_stdout__leaves_the_exit_code_alone(tmp_path: Path, command: str) -> None:
+    done = _shell(f"PYTHON -m {command} >&-", tmp_path)
+    assert done.returncode == (0 if "help" in command else 2)
+    assert done.stderr.count("\n") == (0 if "help" in command else 1)
+
+
+def test_letters_that_the_terminal_lacks__are_escaped(tmp_path: Path) -> None:
+    line = "LC_ALL=C PYTHONIOENCODING=ascii PYTHON -m evaluate 'naïve.safetensors'"
+    done = _shell(line, tmp_path)
+    assert done.returncode == 2
+    assert "na\\xefve" in done.stderr
+
+
+def test_lack_of_memory__is_one_line(capsys: Any) -> None:
+    def command() -> int:
+        raise MemoryError("Unable to allocate 3.6 TiB")
+
+    assert exit_code(command) == 1
+    assert capsys.readouterr().err == (
+        "error: not enough memory (Unable to allocate 3.6 TiB): ask for less at once\n"
+    )

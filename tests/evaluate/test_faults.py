@@ -1,0 +1,247 @@
+"""Evaluations that are interrupted while they draw, or meet odd policies, names and settings."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import snake_env
+from evaluate import __main__ as command
+from evaluate import pictures
+from tests.support import ROOT
+
+OTHERS = "tests.support.policies_of_others"
+QUICK = "--tasks random:2:3 --workers 1 --no-latency"
+PPO = Path(snake_env.__file__).parent / "pretrained" / "ppo.safetensors"
+
+
+def _evaluate(words: str, *more: object) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["evaluate", *words.split(), *QUICK.split(), *map(str, more)])
+        return command.main()
+
+
+def _rows(out: Path) -> list[dict[str, str]]:
+    with (out / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _names(out: Path) -> set[str]:
+    return {path.name for path in out.iterdir()}
+
+
+WHOLE = {
+    *("episodes.csv", "summary.json", "report.html", "fig4-first-feasible.png"),
+    *("sim-1-traces-first-feasible.png", "sim-1-film-first-feasible.png"),
+}
+PROBLEMS = {
+    KeyboardInterrupt(): (130, "interrupted: "),
+    OSError(28, "No space left on device"): (1, "error: drawing failed (OSError: [Errno 28] No"),
+    ValueError("a picture\nthat fails"): (1, "error: drawing failed (ValueError: a picture that"),
+}
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: type(problem).__name__)
+def test_drawing_that_ends_early__is_resumed(
+    tmp_path: Path, problem: BaseException, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*args: Any) -> None:
+        raise problem
+
+    code, told = PROBLEMS[problem]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "figure_5", fail)
+        assert _evaluate("first-feasible", "--out", tmp_path) == code
+    stderr = capsys.readouterr().err
+    assert stderr.startswith(told)
+    assert "--resume draws what is missing" in stderr
+    assert stderr.count("\n") == 1
+    assert len(_rows(tmp_path)) == 2
+    assert "report.html" not in _names(tmp_path)
+    assert _evaluate("first-feasible", "--out", tmp_path, "--resume") == 0
+    assert "0 episodes in" in capsys.readouterr().out
+    assert _names(tmp_path) == WHOLE
+
+
+def test_finished_run__says_so_and_draws_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _evaluate("first-feasible", "--out", out, "--resume") == 0  # begins
+    assert _names(out) == WHOLE
+    before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+    capsys.readouterr()
+    assert _evaluate("first-feasible", "--out", out, "--resume") == 0
+    printed, stderr = capsys.readouterr()
+    assert "this run is finished" in printed
+    assert stderr == ""
+    assert {path.name: path.stat().st_mtime_ns for path in out.iterdir()} == before
+    (out / "report.html").unlink()
+    assert _evaluate("first-feasible", "--out", out, "--resume", "--video", "1") == 0
+    assert {path.stem for path in out.glob("video-*")} == {"video-task-1"}
+    assert _names(out) >= WHOLE
+    video = next(out.glob("video-*")).stat().st_mtime_ns
+    assert _evaluate("first-feasible", "--out", out, "--resume", "--video", "0,1") == 0
+    assert {path.stem for path in out.glob("video-*")} == {"video-task-0", "video-task-1"}
+    assert next(out.glob("video-task-1*")).stat().st_mtime_ns == video
+
+
+@pytest.mark.parametrize(
+    "words", ["random", "first-feasible --set a_c=70", "first-feasible random"]
+)
+def test_finished_run__is_not_another_one(
+    tmp_path: Path, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _evaluate("first-feasible", "--out", tmp_path, "--no-pictures") == 0
+    capsys.readouterr()
+    assert _evaluate(words, "--out", tmp_path, "--no-pictures", "--resume") == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: resume = ")
+    assert told.count("\n") == 1
+    for content in ("{}", "null", "[" * 10_000):
+        (tmp_path / "summary.json").write_text(content)
+        assert _evaluate("first-feasible", "--out", tmp_path, "--resume") == 2
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_timeout__holds_while_pictures_are_made(tmp_path: Path) -> None:
+    began = time.monotonic()
+    words = f"--policy {OTHERS}:OutsideSuite random --decision-timeout 0.5 --video sim-1"
+    assert _evaluate(words, "--out", tmp_path) == 0
+    assert time.monotonic() - began < 60.0
+    assert [row["outcome"] for row in _rows(tmp_path)].count("error") == 0
+    assert "report.html" in _names(tmp_path)
+
+
+@pytest.mark.parametrize("policy", ["Wandering", "wanderer"])
+def test_policy_that_changes_the_folder__loses_nothing(
+    tmp_path: Path, policy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(PPO, tmp_path / "own.safetensors")
+    words = f"--policy {OTHERS}:{policy} own.safetensors --out out --video 1"
+    assert _evaluate(words) == 0
+    assert Path.cwd() == tmp_path
+    assert _names(tmp_path) == {"out", "own.safetensors"}
+    assert {row["outcome"] for row in _rows(tmp_path / "out")} <= {
+        "success",
+        "deadlock",
+        "stability",
+    }
+    assert "report.html" in _names(tmp_path / "out")
+
+
+@pytest.mark.parametrize("policy", ["Screaming", "Unprintable", "Forgetful"])
+def test_texts_of_a_policy__never_reach_the_terminal(
+    tmp_path: Path, policy: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _evaluate(f"--policy {OTHERS}:{policy}", "--out", tmp_path) == 0
+    printed, stderr = capsys.readouterr()
+    assert all(char.isprintable() or char == "\n" for char in printed + stderr)
+    rows = _rows(tmp_path)
+    assert {row["outcome"] for row in rows} == {"error"}
+    for row in rows:
+        assert row["error"].isprintable()
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("\x1b") == 0
+    if policy == "Screaming":
+        assert "[red]no[/blue]" in printed
+
+
+NAMES = ["res[/red]", "res[new]", "a b", "$x^$", "é", "[bold]", "{x}"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_odd_names__are_no_markup_anywhere(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = f"{name}.safetensors"
+    Path(model).parent.mkdir(exist_ok=True)
+    shutil.copy(PPO, model)
+    monkeypatch.setattr(sys, "argv", ["evaluate", model, *QUICK.split(), "--out", f"out-{name}"])
+    assert command.main() == 0
+    printed = capsys.readouterr().out
+    assert f"results: {tmp_path / f'out-{name}'}/\n" in printed
+    assert "report.html" in _names(tmp_path / f"out-{name}")
+    assert list(
+        json.loads((tmp_path / f"out-{name}" / "summary.json").read_text())["policies"]
+    ) == [model]
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31m", "\udcff", "a\rb", "\u2028"])
+def test_controls_in_names__are_refused(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for words in ([f"{name}.safetensors"], ["random", "--tasks", f"{name}.npz"]):
+        monkeypatch.setattr(sys, "argv", ["evaluate", *words, "--out", str(tmp_path / "out")])
+        assert command.main() == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert told.strip().isprintable()
+    assert _names(tmp_path) == set()
+
+
+def test_long_and_like_names__have_pictures_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    long = Path(*["a" * 60] * 5) / f"{'b' * 200}.safetensors"
+    models = [Path("a/b.safetensors"), Path("a-b.safetensors"), Path("A-b.safetensors"), long]
+    for path in models:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(PPO, path)
+    assert _evaluate(" ".join(map(str, models)), "--out", "out") == 0
+    drawn = {path.name.casefold() for path in Path("out").glob("fig4-*.png")}
+    assert len(drawn) == len(models)
+    assert max(map(len, drawn)) < 100
+
+
+def _process(*words: object, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", *map(str, words)], cwd=ROOT, text=True, capture_output=True,
+        env={**os.environ, **variables},
+    )  # fmt: skip
+
+
+BACKENDS = [
+    "module://matplotlib_inline.backend_inline",
+    "nonsense",
+    "tkagg",
+    "module://no.such",
+    "",
+]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_backend__does_not_matter(tmp_path: Path, backend: str) -> None:
+    words = ["evaluate", "random", *QUICK.split(), "--out", tmp_path]
+    done = _process(*words, MPLBACKEND=backend)
+    assert done.returncode == 0, done.stderr
+    assert "fig4-random.png" in _names(tmp_path)
+
+
+@pytest.mark.parametrize("backend", BACKENDS[:2])
+def test_backend__does_not_matter_to_train(tmp_path: Path, backend: str) -> None:
+    done = _process("train", "ppo", "--help", MPLBACKEND=backend)
+    assert done.returncode == 0, done.stderr
+    words = "--timesteps 256 --num-envs 16 --n-steps 16 --hidden 8 --validation-tasks 1"
+    done = _process("train", "ppo", *words.split(), "--out", tmp_path, MPLBACKEND=backend)
+    assert done.returncode == 0, done.stderr
+    assert "curve.png" in _names(tmp_path)
+
+
+def test_style_of_the_user__does_not_matter(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text(
+        "text.usetex: True\nsavefig.format: pdf\nfont.size: 90\n"
+    )
+    words = ["evaluate", "random", *QUICK.split(), "--out", tmp_path / "out"]
+    done = _process(*words, MPLCONFIGDIR=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "fig4-random.png").read_bytes().startswith(b"\x89PNG")

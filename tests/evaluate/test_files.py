@@ -1,0 +1,217 @@
+"""Files that anybody may have damaged: read in bounds or refused in a line; and names for files."""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from evaluate.command import PlainConsole
+from evaluate.compare import CompareOptions, compare_folders
+from evaluate.files import FileError, file_name, is_stray, parsed_json, read_bytes, read_json
+from evaluate.journal import Journal
+from evaluate.protocol import COLUMNS
+from evaluate.store import Store, write_results
+from evaluate.summary import build_summary
+from snake_env.errors import InvalidInputError
+from tests.support.evaluations import SUITE, rows_of
+from tests.support.robots import PAPER
+
+FUZZ = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+CONFIG: dict[str, Any] = {
+    "policies": ["random"],
+    "tasks": {"name": SUITE.name, "n": len(SUITE), "hash": SUITE.sha256},
+    "preset": "paper",
+    "params": {name: getattr(PAPER, name) for name in PAPER.__dataclass_fields__},
+    "slip": [0.0, 0.0],
+}
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
+    max_leaves=5,
+)
+
+
+def _damaged(content: bytes, data: st.DataObject) -> bytes:
+    """The content with some bytes removed, put in or changed."""
+    damaged = bytearray(content)
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(damaged)))
+        damaged[at : at + data.draw(st.integers(0, 6))] = data.draw(st.binary(max_size=6))
+    return bytes(damaged)
+
+
+def _changed(value: Any, data: st.DataObject) -> Any:
+    """A value of JSON in which one value, however deep, is another one, or gone."""
+    if isinstance(value, dict) and value and data.draw(st.booleans()):
+        key = data.draw(st.sampled_from(sorted(value)))
+        rest = {name: value[name] for name in value if name != key}
+        return data.draw(st.sampled_from([rest, {**value, key: _changed(value[key], data)}]))
+    if isinstance(value, list) and value and data.draw(st.booleans()):
+        at = data.draw(st.integers(0, len(value) - 1))
+        return [*value[:at], _changed(value[at], data), *value[at + 1 :]]
+    return data.draw(VALUES)
+
+
+def _one_line(action: Any) -> str:
+    """Runs it; what it was refused with, if it was."""
+    try:
+        action()
+    except InvalidInputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A finished run."""
+    rows = {"random": rows_of("random")}
+    write_results(tmp_path, rows, build_summary(CONFIG, rows, {}, PAPER, "python -m evaluate"))
+    return tmp_path
+
+
+def _compare(folder: Path) -> None:
+    compare_folders(CompareOptions((folder,)), PlainConsole(file=io.StringIO()))
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_summary__is_read_or_refused(folder: Path, data: st.DataObject) -> None:
+    path = folder / "summary.json"
+    good = path.read_bytes()
+    try:
+        content = json.dumps(_changed(json.loads(good), data)).encode()
+        path.write_bytes(data.draw(st.sampled_from([content, _damaged(good, data)])))
+        assert "\n" not in _one_line(lambda: _compare(folder))
+    finally:
+        path.write_bytes(good)
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_episodes__are_read_or_refused(folder: Path, data: st.DataObject) -> None:
+    path = folder / "episodes.csv"
+    good = path.read_bytes()
+    try:
+        path.write_bytes(_damaged(good, data))
+        assert "\n" not in _one_line(lambda: _compare(folder))
+    finally:
+        path.write_bytes(good)
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_journal__is_resumed_or_refused(tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "episodes.partial.jsonl"
+    path.unlink(missing_ok=True)
+    store = Store(tmp_path, CONFIG, resume=False)
+    for row in rows_of("random")[:4]:
+        store.add([row])
+    header, *lines = path.read_text().splitlines(keepends=True)
+    at = data.draw(st.integers(0, 3))
+    entry = _changed(json.loads(lines[at]), data)
+    lines[at] = json.dumps(entry) + "\n"
+    crafted = (header + "".join(lines)).encode()
+    path.write_bytes(data.draw(st.sampled_from([crafted, _damaged(path.read_bytes(), data)])))
+    resumed: list[Store] = []
+    told = _one_line(lambda: resumed.append(Store(tmp_path, CONFIG, resume=True)))
+    assert "\n" not in told
+    for again in resumed:
+        assert 0 <= again.done <= len(SUITE)
+        assert all(tuple(row) == COLUMNS for row in again.rows("random"))
+
+
+ENTRIES = ["{}", "null", "[]", "3", '"x"', "[" * 100_000, "9" * 10_000, '{"rows": {}}']
+
+
+@pytest.mark.parametrize("line", ENTRIES, ids=range(len(ENTRIES)))
+def test_odd_lines_of_a_journal__are_skipped_or_refused(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "episodes.partial.jsonl"
+    Store(tmp_path, CONFIG, resume=False)
+    with path.open("a") as file:
+        file.write(line + "\n")
+    told = _one_line(lambda: Store(tmp_path, CONFIG, resume=True))
+    assert "\n" not in told
+    assert told == "" or "a finished piece of this work" in told
+
+
+@pytest.mark.parametrize("header", ["", "{}\n", "null\n", "\0" * 99, "[" * 100_000])
+def test_odd_beginning_of_a_journal__is_refused(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "work.jsonl"
+    path.write_text(header)
+    with pytest.raises(InvalidInputError, match="the same policies, tasks"):
+        Journal(path, CONFIG, resume=True, take=print)
+
+
+BAD_JSON = [
+    "",
+    "{",
+    "NaN",
+    "[1e999, Infinity]",
+    "9" * 10_000,
+    "[" * 10**6,
+    '{"a": -Infinity}',
+    "\0",
+]
+
+
+@pytest.mark.parametrize("text", BAD_JSON, ids=range(len(BAD_JSON)))
+def test_bad_json__is_an_error_of_ours(text: str) -> None:
+    with pytest.raises(FileError):
+        parsed_json(text)
+
+
+def test_read__keeps_its_bounds(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    assert read_bytes(path, 5) == b"12345"
+    with pytest.raises(FileError, match="it has 5 bytes; at most 4 are read"):
+        read_bytes(path, 4)
+    for odd in (tmp_path, tmp_path / "none", path / "below", Path("a\0b"), tmp_path / ("a" * 300)):
+        with pytest.raises(FileError):
+            read_bytes(odd)
+    with pytest.raises(FileError, match="no file"):
+        read_bytes(Path("/dev/zero"))
+    path.write_bytes(b"\xff")
+    with pytest.raises(FileError, match="UTF-8"):
+        read_json(path)
+
+
+NAMES = [
+    *("ppo", "PPO", "ppo.safetensors", "PPO.safetensors", "lookahead:width=16", "a/b.safetensors"),
+    *("a-b.safetensors", "a/b", "a-b", "a\\b", "module:factory", "module:Factory", "ppo+shield"),
+    *("a" * 300, "a" * 299 + "b", "b" + "a" * 299, "é" * 200, "../../etc/passwd", "..", ".", "-"),
+    *("/", "a\0b", "con", "a b", "\udcff", "x" * 60, "x" * 61, "runs/a/best", "runs/b/best"),
+]
+
+
+def test_file_names__are_safe_short_and_their_own() -> None:
+    made = [file_name(name) for name in NAMES]
+    assert len({name.casefold() for name in made}) == len(NAMES)
+    for name in made:
+        assert name.isascii()
+        assert 0 < len(name) < 80
+        assert not set(name) & set('/\\: \0*?"<>|')
+        assert name.strip(".-") == name
+
+
+@pytest.mark.parametrize("name", ["ppo", "analytic-14", "ppo+shield", "first-feasible", "random"])
+def test_file_names__of_ordinary_policies_are_theirs(name: str) -> None:
+    assert file_name(name) == name
+
+
+@given(st.text(min_size=1), st.text(min_size=1))
+def test_file_names__differ_where_names_do(one: str, other: str) -> None:
+    assert (file_name(one) == file_name(other)) == (one == other)
+
+
+@pytest.mark.parametrize("name", ["tmpabcd1234", ".run.json.partial"])
+def test_strays__are_known(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    assert is_stray(tmp_path / name)
+    assert not is_stray(tmp_path / "tmp.safetensors")

@@ -1,0 +1,177 @@
+"""Folders of results: held by one process, resumed whatever is there, cleared only of what is known."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from evaluate.files import write_atomically
+from evaluate.folder import Layout, held
+from snake_env.errors import InvalidInputError
+from tests.support import ROOT
+
+LAYOUT = Layout(begun="work.jsonl", done="done.json", own=("*.png", "board"))
+HOLD = """
+import sys, time
+from pathlib import Path
+from evaluate.folder import Layout, held
+with held(Path(sys.argv[1]), Layout("work.jsonl", "done.json", ())):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def _names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def _fill(folder: Path, *names: str) -> None:
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("x")
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ((), "nothing"),
+        (("done.json",), "finished"),
+        (("done.json", "work.jsonl"), "begun"),
+        (("work.jsonl", "a.png"), "begun"),
+        (("tmpab12_9xz",), "nothing"),
+        ((".model.safetensors.partial",), "nothing"),
+    ],
+)
+def test_resume__goes_by_what_is_there(tmp_path: Path, names: tuple[str, ...], found: str) -> None:
+    _fill(tmp_path, *names)
+    with held(tmp_path, LAYOUT, resume=True) as there:
+        assert there == found
+        assert _names(tmp_path) == {name for name in names if name[0] not in ".t"}
+
+
+@pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
+def test_foreign_folder__is_left_alone(tmp_path: Path, options: dict[str, bool]) -> None:
+    _fill(tmp_path, "notes.txt", "a.png", "tmp", "tmp-notes.txt")
+    with (
+        pytest.raises(InvalidInputError, match="an empty folder, or one with a run"),
+        held(tmp_path, LAYOUT, **options),
+    ):
+        pass
+    assert _names(tmp_path) == {"notes.txt", "a.png", "tmp", "tmp-notes.txt"}
+
+
+def test_results__are_refused_or_replaced(tmp_path: Path) -> None:
+    _fill(tmp_path, "done.json", "a.png", "notes.txt", "board/events")
+    with pytest.raises(InvalidInputError, match="--overwrite"), held(tmp_path, LAYOUT):
+        pass
+    with held(tmp_path, LAYOUT, overwrite=True) as found:
+        assert found == "nothing"
+        assert _names(tmp_path) == {"notes.txt"}
+
+
+def test_held_folder__lets_no_other_in(tmp_path: Path) -> None:
+    for options in ({}, {"resume": True}, {"overwrite": True}):
+        with (
+            held(tmp_path, LAYOUT),
+            pytest.raises(InvalidInputError, match="no other process"),
+            held(tmp_path, LAYOUT, **options),
+        ):
+            pass
+    with held(tmp_path, LAYOUT):
+        assert _names(tmp_path) == set()
+
+
+def test_lock__dies_with_its_owner(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", HOLD, str(tmp_path)]
+    owner = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert owner.stdout is not None
+    assert owner.stdout.readline() == "held\n"
+    with pytest.raises(InvalidInputError, match="no other process"), held(tmp_path, LAYOUT):
+        pass
+    os.kill(owner.pid, signal.SIGKILL)
+    owner.wait()
+    with held(tmp_path, LAYOUT) as found:
+        assert found == "nothing"
+    owner.stdout.close()
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from evaluate import files
+with files._replacing(Path(sys.argv[1])) as file:
+    file.write(b"half")
+    file.flush()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
+def test_what_a_killed_writer_leaves__blocks_nothing(
+    tmp_path: Path, options: dict[str, bool]
+) -> None:
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "done.json")], cwd=ROOT)
+    assert len(_names(tmp_path)) == 1
+    with held(tmp_path, LAYOUT, **options) as found:
+        assert found == "nothing"
+        assert _names(tmp_path) == set()
+
+
+def test_folder_that_cannot_be_made__is_refused(tmp_path: Path) -> None:
+    _fill(tmp_path, "file")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / ("a" * 300)):
+        with pytest.raises(InvalidInputError, match="a folder to write to"), held(folder, LAYOUT):
+            pass
+    with pytest.raises(InvalidInputError, match="a folder to write to"), held(Path("a\0b"), LAYOUT):
+        pass
+
+
+def _process(*words: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", *map(str, words)], cwd=ROOT, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+COMMANDS = {
+    "evaluate": "evaluate analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
+    "solve": "train solve --tasks random:500 --workers 1 --budget 2000",
+    "value": "train value --episodes 4096 --workers 1",
+    "dqn": "train dqn --timesteps 1000000",
+}
+MARKS = {"evaluate": "episodes.partial.jsonl", "solve": "plans.partial.jsonl"}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_second_process__is_refused(tmp_path: Path, command: str) -> None:
+    out = tmp_path / "out"
+    words = [*COMMANDS[command].split(), "--out", out]
+    first = _process(*words)
+    deadline = time.monotonic() + 120
+    while not (out / MARKS.get(command, "run.json")).exists():
+        assert first.poll() is None, first.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    try:
+        for option in ("--overwrite", "--resume"):
+            second = _process(*words, option)
+            stdout, stderr = second.communicate()
+            assert (second.returncode, stdout) == (2, "")
+            assert "a folder that no other process is writing to" in stderr
+            assert stderr.count("\n") == 1
+        assert first.poll() is None
+    finally:
+        first.kill()
+        first.communicate()
+
+
+def test_write_atomically__replaces_what_is_there(tmp_path: Path) -> None:
+    for content in ("old", b"new"):
+        write_atomically(tmp_path / "file", content)
+    assert (tmp_path / "file").read_bytes() == b"new"
+    assert _names(tmp_path) == {"file"}

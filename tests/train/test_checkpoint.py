@@ -1,0 +1,340 @@
+"""Checkpoints: damage and foreign ones are noticed; models are there at each of them, and at Ctrl-C."""
+
+import hashlib
+import io
+import json
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from evaluate.engine import Engine
+from snake_env import SnakeParams, load_policy
+from snake_env.errors import InvalidInputError
+from snake_env.networks.model_file import read_model
+from train import rl
+from train.__main__ import main
+from train.checkpoint import check_counters, load_checkpoint, save_checkpoint
+from train.run import RunFolder
+
+PPO = (
+    "ppo --timesteps 1536 --segment 512 --num-envs 16 --n-steps 16 --batch-size 64 --hidden 8 8 "
+    "--validation-tasks 2 --validate-every 2 --seed 3"
+)
+DQN = (
+    "dqn --timesteps 1536 --segment 512 --num-envs 16 --learning-starts 300 --batch-size 32 "
+    "--buffer-size 800 --gradient-steps 1 --hidden 8 --validation-tasks 2 --validate-every 2"
+)
+VALUE = "value --set n_joints=5 --generations 2 --episodes 20 --hidden 8 --epochs 1 --workers 1"
+
+
+def _run(words: str, out: Path, *more: str) -> int:
+    return main([*words.split(), "--out", str(out), *more])
+
+
+def _interrupted(words: str, out: Path, after: int, *more: str) -> None:
+    """Runs until Ctrl-C in the segment after so many."""
+    done = []
+
+    def segment(*args: Any) -> None:
+        if len(done) == after:
+            raise KeyboardInterrupt
+        done.append(None)
+        _segment(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        _segment = rl._segment
+        patch.setattr(rl, "_segment", segment)
+        assert _run(words, out, *more) == 130
+
+
+@pytest.fixture(scope="module", params=[PPO, DQN], ids=["ppo", "dqn"])
+def begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A run that was interrupted after its first segment; and its words."""
+    out = tmp_path_factory.mktemp("begun") / "run"
+    _interrupted(request.param, out, 1)
+    return out, request.param
+
+
+@pytest.mark.parametrize("after", [0, 1])
+def test_interrupt__leaves_a_model(tmp_path: Path, after: int) -> None:
+    out = tmp_path / "run"
+    _interrupted(PPO, out, after)
+    assert (out / "checkpoint.pt").exists() == (after > 0)
+    assert not (out / "best.safetensors").exists()  # nothing was validated
+    model = read_model(out / "last.safetensors")
+    assert model.made["timesteps"] == 512 * after
+    load_policy(out / "last.safetensors", SnakeParams())
+
+
+def test_missing_model__is_said_to_come(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    _interrupted(PPO, out, 1)
+    capsys.readouterr()
+    assert main(["export", str(out), "--into", str(tmp_path / "into")]) == 2
+    told = capsys.readouterr().err
+    assert "last.safetensors at every checkpoint (--last ships it)" in told
+    assert main(["export", str(out), "--into", str(tmp_path / "into"), "--last"]) == 0
+    assert "| validation | none |" in (tmp_path / "into" / "ppo.md").read_text()
+
+
+def _copy(begun: tuple[Path, str], tmp_path: Path) -> tuple[Path, str]:
+    out = tmp_path / "copy"
+    shutil.copytree(begun[0], out)
+    return out, begun[1]
+
+
+def _refusal(words: str, out: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    capsys.readouterr()
+    assert _run(words, out, "--resume") == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    return told
+
+
+@pytest.mark.parametrize("at", [0.001, 0.3, 0.6, 0.999])
+def test_flipped_bit__is_noticed(
+    begun: tuple[Path, str], tmp_path: Path, at: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = _copy(begun, tmp_path)
+    path = out / "checkpoint.pt"
+    data = bytearray(path.read_bytes())
+    data[int(at * len(data))] ^= 1
+    path.write_bytes(data)
+    assert "expected an undamaged checkpoint" in _refusal(words, out, capsys)
+
+
+def _recast(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Changes the state in a checkpoint; the digest is right again."""
+    with io.BytesIO(path.read_bytes()[-_length(path) :]) as file:
+        state = torch.load(file, weights_only=True)
+    change(state)
+    save_checkpoint(path, state)
+
+
+def _length(path: Path) -> int:
+    return path.stat().st_size - len(b"snake-mode-env checkpoint 1\n") - 32
+
+
+FOREIGN: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "another run": lambda s: s.update(run="another"),
+    "no run": lambda s: s.pop("run"),
+    "no policy": lambda s: s.pop("policy"),
+    "an empty policy": lambda s: s.update(policy={}),
+    "another network": lambda s: s["policy"].update({"extra.weight": torch.zeros(3)}),
+    "no optimizer": lambda s: s.update(optimizer=3),
+    "no rest": lambda s: s.update(extra=None),
+    "segments before the beginning": lambda s: s.update(segment=-1),
+    "no segment": lambda s: s.update(segment=0),
+    "many segments": lambda s: s.update(segment=10**9),
+    "few decisions": lambda s: s.update(num_timesteps=3),
+    "many decisions": lambda s: s.update(num_timesteps=10**12),
+    "half a decision": lambda s: s.update(num_timesteps=512.5),
+    "updates before the beginning": lambda s: s.update(n_updates=-1),
+    "a truth value": lambda s: s.update(segment=True),
+}
+
+
+@pytest.mark.parametrize("case", FOREIGN)
+def test_foreign_state__is_refused(
+    begun: tuple[Path, str], tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = _copy(begun, tmp_path)
+    _recast(out / "checkpoint.pt", FOREIGN[case])
+    assert _refusal(words, out, capsys).startswith("error: checkpoint = ")
+
+
+def test_checkpoint_of_another_run__is_refused(
+    begun: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = _copy(begun, tmp_path)
+    other = tmp_path / "other"
+    _interrupted(words, other, 1, "--seed", "9")
+    shutil.copy(other / "checkpoint.pt", out)
+    assert "expected a checkpoint of this run" in _refusal(words, out, capsys)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_bytes__are_a_checkpoint_or_refused(tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(path, {"run": "a", "policy": {"weight": torch.zeros(3)}, "segment": 1})
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at : at + data.draw(st.integers(0, 4))] = data.draw(st.binary(max_size=4))
+    changed = bytes(content) != path.read_bytes()
+    path.write_bytes(content)
+    if changed:
+        with pytest.raises(InvalidInputError, match=r"checkpoint\.pt"):
+            load_checkpoint(path, "a", "cpu")
+    else:
+        assert load_checkpoint(path, "a", "cpu")["segment"] == 1
+
+
+@given(st.integers(), st.integers(), st.integers())
+def test_counters__that_a_run_cannot_have_are_refused(
+    segments: int, decisions: int, updates: int
+) -> None:
+    state = {"segment": segments, "num_timesteps": decisions, "n_updates": updates}
+    try:
+        check_counters(Path("x"), state, 1536, 512, 256)
+    except InvalidInputError:
+        return
+    assert 1 <= segments <= 3
+    assert 512 * segments <= decisions < 768 * segments
+    assert updates >= 0
+
+
+def test_checkpoint__is_never_unpickled(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> Any:
+            return Path.touch, (tmp_path / "trace",)
+
+    content = pickle.dumps({"run": "a", "bomb": Bomb()})
+    head = b"snake-mode-env checkpoint 1\n" + hashlib.sha256(content).digest()
+    (tmp_path / "a.pt").write_bytes(head + content)
+    with pytest.raises(InvalidInputError):
+        load_checkpoint(tmp_path / "a.pt", "a", "cpu")
+    assert not (tmp_path / "trace").exists()
+
+
+def _points(out: Path, name: str) -> list[int]:
+    board = EventAccumulator(str(out / "tensorboard"))
+    board.Reload()
+    return [event.step for event in board.Scalars(name)]
+
+
+def test_tensorboard__keeps_every_point_over_a_resume(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    _interrupted(PPO, out, 2)
+    assert _run(PPO, out, "--resume") == 0
+    assert _points(out, "ppo/train_return") == [512, 1024, 1536]
+    assert _run(PPO, out, "--overwrite") == 0
+    assert _points(out, "ppo/train_return") == [512, 1024, 1536]
+    assert len(list((out / "tensorboard").iterdir())) == 1
+
+
+@pytest.mark.parametrize("words", [PPO, VALUE], ids=["ppo", "value"])
+def test_resume__is_idempotent(
+    tmp_path: Path, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert _run(words, out, "--resume") == 0  # begins
+    before = {path.name: path.read_bytes() for path in out.glob("*.safetensors")}
+    log = (out / "log.csv").read_bytes()
+    capsys.readouterr()
+    (out / "tmpabc123_9").write_text("half a file")
+    assert _run(words, out, "--resume") == 0  # is finished
+    assert "this run is finished\n" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in out.glob("*.safetensors")} == before
+    assert (out / "log.csv").read_bytes() == log
+    assert not (out / "tmpabc123_9").exists()
+
+
+@pytest.mark.parametrize("rate", ["1e30"])
+@pytest.mark.parametrize("words", [PPO, DQN, VALUE], ids=["ppo", "dqn", "value"])
+def test_diverged_run__names_the_rate(
+    tmp_path: Path, words: str, rate: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = _run(words, tmp_path / "run", "--learning-rate", rate)
+    told = capsys.readouterr().err.splitlines()
+    assert (code, told[-1]) == (
+        2,
+        f"error: training diverged: lower --learning-rate ({float(rate):g})",
+    )
+
+
+DAMAGES = {
+    "{}": "run.json",
+    "null": "run.json",
+    '{"schema": 1}': "run.json",
+    '{"schema": 1, "config": null}': "run.json",
+    '{"schema": 1, "algorithm": "ppo", "command": "", "config": {}, "versions": {}}': "run.json",
+    "[" * 100_000: "run.json",
+    "timesteps\nmany\n": "log.csv",
+    "timesteps\n512,3\n": "log.csv",
+    "timesteps\n512\n512\n": "log.csv",
+    "round\n1\n": "log.csv",
+    "\0\udcff": "log.csv",
+    'timesteps\n"512': "log.csv",
+}
+
+
+@pytest.mark.parametrize("content", DAMAGES, ids=range(len(DAMAGES)))
+def test_damaged_run_folder__is_refused(
+    begun: tuple[Path, str], tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = _copy(begun, tmp_path)
+    (out / DAMAGES[content]).write_text(content, errors="surrogateescape")
+    assert _is_about(_refusal(words, out, capsys), DAMAGES[content])
+    if DAMAGES[content] == "run.json":
+        assert main(["export", str(out), "--into", str(tmp_path), "--last"]) == 2
+        assert capsys.readouterr().err.startswith("error: run = ")
+
+
+def _is_about(told: str, name: str) -> bool:
+    return told.startswith("error: log = " if name == "log.csv" else "error: resume = ")
+
+
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_run_folder__is_resumed_or_refused(
+    begun: tuple[Path, str], tmp_path: Path, data: st.DataObject
+) -> None:
+    """What is in ``run.json`` and ``log.csv`` decides nothing but whether it is the same run."""
+    out = tmp_path / "copy"
+    shutil.copytree(begun[0], out, dirs_exist_ok=True)
+    config = json.loads((out / "run.json").read_text())["config"]
+    name = data.draw(st.sampled_from(["run.json", "log.csv"]))
+    content = bytearray((out / name).read_bytes())
+    at = data.draw(st.integers(0, len(content)))
+    content[at : at + data.draw(st.integers(0, 5))] = data.draw(st.binary(max_size=5))
+    (out / name).write_bytes(content)
+    run = rl.Run(out=out, resume=True, seed=config["seed"])
+    try:
+        with RunFolder(run, "ppo", rl.Robot(), config) as folder:
+            rows = folder.rows("timesteps")
+    except InvalidInputError as error:
+        told = str(error)
+    else:
+        told = ""
+        assert all(float(row["timesteps"]) > 0 for row in rows)
+    assert "\n" not in told
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"\0" * 100])
+def test_damaged_returns__are_refused(
+    tmp_path: Path, damage: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = tmp_path / "run", VALUE.replace("--generations 2", "--generations 3")
+    pieces = []
+
+    def work(engine: Engine, call: Any, shards: Any) -> Any:
+        for shard in shards:
+            if len(pieces) == 2:
+                raise KeyboardInterrupt
+            pieces.append(None)
+            yield call(shard)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Engine, "map", work)
+        assert _run(words, out) == 130
+    (out / "returns-1.npz").write_bytes(damage)
+    assert _refusal(words, out, capsys).startswith("error: returns = ")
+
+
+def test_seeds__print_names_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names of folders are no markup, in the workers neither."""
+    out = tmp_path / "a[/red]"
+    assert _run(PPO, out, "--seeds", "2", "--workers", "1") == 0
+    printed = capsys.readouterr().out
+    assert f"{out}-s3: done" in printed
+    assert (tmp_path / "a[/red]-seeds" / "curve.png").exists()
