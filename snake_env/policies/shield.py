@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from snake_env.kernel.blocks import LANES
 from snake_env.params import SnakeParams
-from snake_env.policies.base import Policy
+from snake_env.policies.base import CANDIDATES, Policy
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
@@ -17,7 +16,7 @@ from snake_env.state import SnakeState
 class ShieldedPolicy:
     """The first of a policy's choices that is feasible, then (21), then what holds out longest.
 
-    A policy that ranks its choices has its favourite predicted alone, then a block of its next ones;
+    A policy that ranks its choices has its favourite predicted alone, then its next eight;
     from others there is one choice.
 
     Args:
@@ -46,7 +45,7 @@ class ShieldedPolicy:
             return favourite
         if isinstance(self._policy, NetworkPolicy):
             others = self._policy.ranking(state)
-            others = others[others != favourite][:LANES]
+            others = others[others != favourite][:CANDIDATES]
             mode = self._first_feasible(state, others)
             if mode is not None:
                 return mode
