@@ -34,7 +34,7 @@ from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import float_lane, predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from tests import oracle
+from tests.support import oracle
 
 _REPEATS = 15
 _POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+shield")

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from snake_env.equations.kinematics import d_min
 from snake_env.errors import InvalidInputError, as_integer
+from snake_env.kernel.distance import d_min
 from snake_env.params import SnakeParams
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.equations.scalars import Scalar, minimum, sin_cos, sqrt, total
+from snake_env.equations.scalars import Scalar, minimum, sin_cos, total
 
 Point = tuple[Scalar, Scalar]
 
@@ -89,13 +89,6 @@ def centre_of_gravity(body: Body) -> Point:
         total([x for x, _ in body.centres]) * share,
         total([y for _, y in body.centres]) * share,
     )
-
-
-def d_min(phi: NDArray[np.float64], l: float) -> float:  # noqa: E741
-    """Least distance [m] between links that could collide, for joint angles ``phi`` (n,) [rad]."""
-    distance = sqrt(least_squared_distance(locate(phi.tolist(), l)))
-    assert isinstance(distance, float)
-    return distance
 
 
 def to_world(points: Sequence[Point], w: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+LEAVES = ("lane", "shared", "clock", "number")
+"""Operations without operands in the trace: loads, and numbers."""
+
 
 class Operation(NamedTuple):
     """One operation: its name, and its operands as positions in the trace, numbers or rows."""
@@ -31,13 +34,13 @@ class Trace:
 
     def record(self, name: str, *operands: int | float) -> int:
         """Position of the operation, which is added unless the trace holds it already."""
+        key = operation = Operation(name, operands)
         if name in ("fadd", "fmul") and operands[0] > operands[1]:
-            operands = (operands[1], operands[0])  # commutes exactly
-        operation = Operation(name, operands)
-        if operation not in self._positions:
-            self._positions[operation] = len(self.operations)
+            key = Operation(name, operands[::-1])  # commutes exactly
+        if key not in self._positions:
+            self._positions[key] = len(self.operations)
             self.operations.append(operation)
-        return self._positions[operation]
+        return self._positions[key]
 
     def lane(self, row: int) -> Traced:
         """The value in a row of the lane buffer: one number per lane."""

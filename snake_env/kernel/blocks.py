@@ -1,4 +1,4 @@
-"""Compiled programs over blocks of eight lanes, and the threads that share the blocks."""
+"""Compiled programs over blocks of lanes, and the threads that share the blocks."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.equations.control import redundancy_gain
+from snake_env.equations.rewriting import rewritten
 from snake_env.equations.tracing import Trace
 from snake_env.errors import InvalidInputError, as_integer
-from snake_env.kernel.compiler import BlockFunction, emit, load
+from snake_env.kernel.compiler import BlockFunction, load, vector_bits
+from snake_env.kernel.emission import emit
 from snake_env.params import SnakeParams
-
-LANES = 8
 
 _FLOATS = [f.name for f in dataclasses.fields(SnakeParams) if isinstance(f.default, float)]
 _TUPLES = [
@@ -30,6 +30,16 @@ _TUPLES = [
     for f in dataclasses.fields(SnakeParams)
     if isinstance(f.default, tuple)
 ]
+
+
+@functools.cache
+def block_width() -> int:
+    """Lanes of a block on this machine; results do not depend on it.
+
+    Eight where a register holds eight numbers. Elsewhere four: with more, each value takes two
+    registers of which there are sixteen, and most would have to wait in memory.
+    """
+    return 8 if vector_bits() >= 512 else 4
 
 
 class BlockProgram:
@@ -40,15 +50,20 @@ class BlockProgram:
         last: What is done once at the end.
         n_rows: Rows of a block.
         running: The row that is 0 for the lanes that are running.
-        lanes: Lanes of a block.
         what: Name for the announcement of the compilation.
+        lanes: Lanes of a block; default: what suits the machine.
+
+    Attributes:
+        loop: What is computed once per sub-step, rewritten.
+        last: What is computed once at the end, rewritten.
     """
 
     def __init__(
-        self, loop: Trace, last: Trace, n_rows: int, running: int, lanes: int, what: str
+        self, loop: Trace, last: Trace, n_rows: int, running: int, what: str, lanes: int | None
     ) -> None:
-        self.n_rows, self.lanes = n_rows, lanes
-        ir = emit(loop, last, n_rows, running, 2, lanes)
+        self.n_rows, self.lanes = n_rows, lanes or block_width()
+        self.loop, self.last = rewritten(loop), rewritten(last)
+        ir = emit(self.loop, self.last, n_rows, running, 2, self.lanes, vector_bits() >= 512)
         self._run: BlockFunction = load(ir, what)
 
     def blocks(self, count: int) -> NDArray[np.float64]:

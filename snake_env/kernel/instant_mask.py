@@ -1,4 +1,4 @@
-"""The instant mask, (22) at t_k for all modes of a state at once: eight states a block.
+"""The instant mask, (22) at t_k for all modes of a state at once: a block of states at a time.
 
 Modes that lift the same front wheels share the first part of :func:`statically_stable`'s walk over the
 contacts, and the trace keeps each common operation once. So all 99 modes of a robot with 8 joints cost

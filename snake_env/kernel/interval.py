@@ -1,4 +1,4 @@
-"""The one kernel: blocks of eight lanes advanced through an interval, sub-step by sub-step.
+"""The one kernel: blocks of lanes advanced through an interval, sub-step by sub-step.
 
 A lane is one state with one mode. :func:`sub_step` says what happens to it, on generic scalars; here
 it is traced, compiled and run over blocks. Predictions, the optimiser, the masks, the env and the
@@ -27,7 +27,8 @@ from snake_env.equations.scalars import (
 )
 from snake_env.equations.stability import statically_stable
 from snake_env.equations.tracing import Trace
-from snake_env.kernel.blocks import LANES, BlockProgram, traced_params
+from snake_env.kernel.blocks import BlockProgram, traced_params
+from snake_env.kernel.lane_function import LaneFunction
 from snake_env.modes import MIN_GROUNDED
 from snake_env.params import SnakeParams
 
@@ -101,25 +102,30 @@ def visit(lane: Lane, p: SnakeParams) -> Body:
 
 def cost_and_input(
     lane: Lane, body: Body, t: Scalar, k_eta: Scalar, p: SnakeParams
-) -> tuple[Scalar, list[Scalar], list[Scalar], list[Scalar]]:
-    """V (19), its gradient (14), the joint input (29) and the head's velocity at time ``t``."""
+) -> tuple[Scalar, list[Scalar], list[Scalar]]:
+    """V (19), the joint input (29) and the head's velocity at time ``t``."""
     joints = range(1, len(lane.phi) + 1)
     scp = [lane.phase == float(k) for k in joints]
-    rear = [lane.phase < float(k) for k in joints]
+    rear = _rear(lane.phase, len(lane.phi))
     columns = [[wheel == float(k) for k in joints] for wheel in lane.wheels]
     v, gradient = cost_and_gradient(body, lane.phi, rear, lane.grounded_marks(), p)
     scp_reference = reference(lane.ref_start, lane.target, lane.phase_time + t, p)
     u, w_rate = limited_input(
         body, lane.phi, lane.w, scp_reference, scp, rear, columns, gradient, k_eta, p
     )
-    return v, gradient, u, w_rate
+    return v, u, w_rate
+
+
+def _rear(phase: Scalar, n_joints: int) -> list[Bool]:
+    """Whether each joint is behind the SCP."""
+    return [phase < float(k) for k in range(1, n_joints + 1)]
 
 
 def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
     """One sub-step of a lane: a running lane moves on, or stops at its first violation."""
     body = visit(lane, p)
     running = lane.violation == RUNNING
-    v, _, lane.u, w_rate = cost_and_input(lane, body, t, k_eta, p)
+    v, lane.u, w_rate = cost_and_input(lane, body, t, k_eta, p)
     lane.integral = select(running, lane.integral + v * p.dt, lane.integral)
     lane.duration = select(running, lane.duration + p.dt, lane.duration)
     lane.phi = [
@@ -141,7 +147,7 @@ class Kernel(BlockProgram):
         lanes: Lanes of a block.
     """
 
-    def __init__(self, n_joints: int, head_contact: bool, lanes: int = LANES) -> None:
+    def __init__(self, n_joints: int, head_contact: bool, lanes: int | None = None) -> None:
         self.rows = layout(n_joints)
         loop, last = Trace(), Trace()
         n_rows = max(rows.stop for rows in self.rows.values())
@@ -152,7 +158,7 @@ class Kernel(BlockProgram):
         visit(lane, traced_params(last, head_contact))
         self._store(last, lane)
         running = self.rows["violation"].start
-        super().__init__(loop, last, n_rows, running, lanes, f"{n_joints} joints")
+        super().__init__(loop, last, n_rows, running, f"{n_joints} joints", lanes)
 
     def lane(self, values_by_row: Sequence[Scalar]) -> Lane:
         """A lane of the values in the rows of a block."""
@@ -171,6 +177,22 @@ class Kernel(BlockProgram):
 
 
 @functools.cache
-def get_kernel(n_joints: int, head_contact: bool, lanes: int = LANES) -> Kernel:
+def get_kernel(n_joints: int, head_contact: bool, lanes: int | None = None) -> Kernel:
     """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
     return Kernel(n_joints, head_contact, lanes)
+
+
+@functools.cache
+def get_cost_program(n_joints: int) -> LaneFunction:
+    """V (19) and its gradient (14), from joint angles, phase and marks of the grounded wheels."""
+
+    def program(
+        p: SnakeParams, phi: list[Scalar], phase: Scalar, grounded: list[Scalar]
+    ) -> list[Scalar]:
+        marks = [mark == 1.0 for mark in grounded]
+        body, rear = locate(phi, p.l), _rear(phase, n_joints)
+        v, gradient = cost_and_gradient(body, phi, rear, marks, p)
+        return [v, *gradient]
+
+    lengths = (n_joints, 1, n_joints)
+    return LaneFunction(program, lengths, True, f"the cost of {n_joints} joints")

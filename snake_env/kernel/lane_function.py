@@ -1,6 +1,6 @@
 """Compiled functions of one state each: some numbers in, some numbers out, no sub-steps.
 
-The masks and the observation are such functions. Many states go through eight lanes at a time; a
+The masks and the observation are such functions. Many states go through in blocks of lanes; a
 single one is spared the copies and allocations that only many are worth.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from snake_env.equations.scalars import Scalar
 from snake_env.equations.tracing import Trace
-from snake_env.kernel.blocks import LANES, BlockProgram, clock_of, constants_of, traced_params
+from snake_env.kernel.blocks import BlockProgram, clock_of, constants_of, traced_params
 from snake_env.params import SnakeParams
 
 
@@ -30,6 +30,7 @@ class LaneFunction(BlockProgram):
         lengths: How many scalars there are in each argument.
         head_contact: That of the constants.
         what: Name for the announcement of the compilation.
+        lanes: Lanes of a block; default: what suits the machine.
 
     Attributes:
         rows: Rows of a block that hold each argument.
@@ -42,6 +43,7 @@ class LaneFunction(BlockProgram):
         lengths: Sequence[int],
         head_contact: bool,
         what: str,
+        lanes: int | None = None,
     ) -> None:
         trace = Trace()
         edges = [0, *itertools.accumulate(lengths)]
@@ -55,7 +57,7 @@ class LaneFunction(BlockProgram):
         results = function(traced_params(trace, head_contact), *arguments)
         for row, result in enumerate(results, start=self.n_arguments):
             trace.store(row, result)
-        super().__init__(Trace(), trace, self.n_arguments + len(results), 0, LANES, what)
+        super().__init__(Trace(), trace, self.n_arguments + len(results), 0, what, lanes)
 
     def of_many(
         self, params: SnakeParams, arguments: Sequence[NDArray[Any]], dtype: DTypeLike

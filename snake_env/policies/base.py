@@ -22,3 +22,7 @@ class Policy(Protocol):
 
     def select_mode(self, state: SnakeState) -> int:
         """Index of the mode for the next interval: always one that the phase allows."""
+
+
+CANDIDATES = 8
+"""Modes that a policy has simulated at a time: one block of the kernel, or two of four lanes."""

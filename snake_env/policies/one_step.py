@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from snake_env.params import SnakeParams
+from snake_env.policies.base import CANDIDATES
 from snake_env.policies.ends import ends
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.search import expand
@@ -15,9 +16,6 @@ from snake_env.state import IntArray, SnakeState, StateBatch
 CREEPING = 0.01
 """Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
 joint comes close to its limit, and a network that prefers one of them would do so again and again."""
-
-FAVOURITES = 8
-"""Modes of a policy that are simulated at a time: the kernel simulates so many in the time of one."""
 
 
 def best_mode(
@@ -107,7 +105,7 @@ class CriticPolicy:
     """
 
     def __init__(
-        self, policy: NetworkPolicy, value: ValueFunction, params: SnakeParams, k: int = FAVOURITES
+        self, policy: NetworkPolicy, value: ValueFunction, params: SnakeParams, k: int = CANDIDATES
     ) -> None:
         self.rollouts = 0
         self._policy, self._value, self._params, self._k = policy, value, params, k

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
-from snake_env.kernel.blocks import LANES
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import read_model
 from snake_env.params import SnakeParams
-from snake_env.policies.base import Policy
+from snake_env.policies.base import CANDIDATES, Policy
 from snake_env.policies.lookahead import LookaheadPolicy
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.one_step import FAVOURITES, CriticPolicy, ValuePolicy
+from snake_env.policies.one_step import CriticPolicy, ValuePolicy
 from snake_env.policies.shield import ShieldedPolicy
 from snake_env.policies.value import (
     NetworkValue,
@@ -54,7 +53,7 @@ class AnalyticPolicy:
 
 
 class FirstFeasiblePolicy:
-    """The feasible mode of lowest index, predicting no more blocks of modes than it must."""
+    """The feasible mode of lowest index, predicting modes eight at a time."""
 
     def __init__(self, params: SnakeParams) -> None:
         self.params = params
@@ -66,8 +65,8 @@ class FirstFeasiblePolicy:
     def select_mode(self, state: SnakeState) -> int:
         """The first feasible mode, or the first of all where there is none."""
         modes = mode_table(self.params.n_joints).valid(state.phase)
-        for start in range(0, len(modes), LANES):
-            block = modes[start : start + LANES]
+        for start in range(0, len(modes), CANDIDATES):
+            block = modes[start : start + CANDIDATES]
             feasible = predict(state, block, self.params).feasible
             self.rollouts += len(block)
             if feasible.any():
@@ -182,7 +181,7 @@ def load_policy(
     given: dict[str, Any] = {k: _number(f"{title}:{k}", text) for k, text in options.items()}
     if "transfer" in known_options:
         given["transfer"] = transfer = _truth(given.get("transfer", transfer))
-    k = given.pop("k", FAVOURITES)
+    k = given.pop("k", CANDIDATES)
     policy = make(constants, **given)
     if suffix == SHIELD:
         return ShieldedPolicy(policy, constants)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from snake_env.kernel.blocks import LANES
 from snake_env.params import SnakeParams
-from snake_env.policies.base import Policy
+from snake_env.policies.base import CANDIDATES, Policy
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
@@ -16,7 +15,7 @@ from snake_env.state import IntArray, SnakeState
 class ShieldedPolicy:
     """The first of a policy's choices that is feasible, then (21), then what holds out longest.
 
-    A policy that ranks its choices has its favourite predicted alone, then a block of its next ones;
+    A policy that ranks its choices has its favourite predicted alone, then its next eight;
     from others there is one choice.
 
     Args:
@@ -52,7 +51,7 @@ class ShieldedPolicy:
         """The policy's choices, in the portions in which they are checked."""
         if not isinstance(self._policy, NetworkPolicy):
             return [np.array([self._policy.select_mode(state)])]
-        ranked = self._policy.ranking(state)[: 1 + LANES]
+        ranked = self._policy.ranking(state)[: 1 + CANDIDATES]
         return [ranked[:1], ranked[1:]]
 
     def _first_feasible(self, state: SnakeState, candidates: IntArray) -> int | None:

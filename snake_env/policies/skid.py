@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from snake_env.equations.kinematics import d_min, locate
+from snake_env.equations.kinematics import locate
+from snake_env.kernel.distance import d_min
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import EpisodeSummary
 from snake_env.state import FloatArray, SnakeState

@@ -13,17 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from snake_env.equations.control import redundancy_gain
-from snake_env.equations.kinematics import locate
-from snake_env.equations.scalars import Scalar
 from snake_env.errors import InvalidInputError, InvalidModeError
+from snake_env.kernel import distance
 from snake_env.kernel.blocks import clock_of, constants_of
 from snake_env.kernel.interval import (
     BEYOND_LIMIT,
     PADDING,
     RUNNING,
     UNSTABLE,
-    Lane,
-    cost_and_input,
+    get_cost_program,
     get_kernel,
 )
 from snake_env.modes import mode_table
@@ -193,10 +191,7 @@ def instantly_stable(
 
 def least_distances(phi: FloatArray, params: SnakeParams) -> FloatArray:
     """d_min of many shapes, (N, n) [rad]: shape (N,) [m], each bit for bit that of ``d_min``."""
-    states = StateBatch.initial(phi, phi, params)
-    outcome = _run(states, np.zeros(len(phi), dtype=np.int64), params, clock_of(params)[:0])
-    distances: FloatArray = np.sqrt(outcome["d2_min"][:, 0])
-    return distances
+    return distance.least_distances(phi, params.l)
 
 
 def advance(state: SnakeState, mode: int, params: SnakeParams) -> tuple[SnakeState, Prediction]:
@@ -309,10 +304,10 @@ def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> 
     """
     if not isinstance(t, (int, float, np.number)) or not 0.0 <= t <= params.delta_t:
         raise InvalidInputError("t", t, f"a time from 0 to delta_t = {params.delta_t} s")
-    lane = float_lane(state, mode, params)
-    k_eta = redundancy_gain(float(t), params)
-    _, _, u, _ = cost_and_input(lane, locate(lane.phi, params.l), float(t), k_eta, params)
-    return np.array(u, dtype=np.float64)
+    states, chosen = _checked_lane(state, mode, params)
+    now = np.array([[float(t), redundancy_gain(float(t), params)]])
+    u: FloatArray = _run(states, chosen, params, now)["u"][0]
+    return u
 
 
 def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, FloatArray]:
@@ -324,15 +319,24 @@ def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, Floa
         params: The constants.
 
     Returns:
-        V, and dV/dphi, shape (n,) [1/rad].
+        V, and dV/dphi, shape (n,) [1/rad], bit for bit what the kernel uses.
 
     Raises:
         InvalidModeError: The mode is out of range or not valid in the phase.
     """
-    lane = float_lane(state, mode, params)
-    v, gradient, _, _ = cost_and_input(lane, locate(lane.phi, params.l), 0.0, 0.0, params)
-    assert isinstance(v, float)
-    return v, np.array(gradient, dtype=np.float64)
+    states, chosen = _checked_lane(state, mode, params)
+    grounded = ~mode_table(params.n_joints).lifted_wheels(chosen, states.phase)[0]
+    program = get_cost_program(params.n_joints)
+    values = program.of_one(params, (state.phi, float(state.phase), grounded), np.float64)
+    return float(values[0]), values[1:]
+
+
+def _checked_lane(state: SnakeState, mode: int, params: SnakeParams) -> tuple[StateBatch, IntArray]:
+    """A state with a mode as a batch, known to belong together."""
+    states = StateBatch.stack([state])
+    chosen = np.array([mode_table(params.n_joints).check(mode, state.phase)])
+    _check_states(states, chosen, params)
+    return states, chosen
 
 
 def _checked_modes(modes: ArrayLike) -> IntArray:
@@ -426,32 +430,3 @@ def _outcome(blocks: FloatArray, count: int, params: SnakeParams) -> dict[str, F
     lanes = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, :count]
     outputs = ("phi", "w", "u", "integral", "duration", "violation", "d2_min", "max_abs_phi")
     return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}
-
-
-def float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
-    """A state with a mode as a lane of plain floats, on which the equations run as they stand."""
-    table = mode_table(params.n_joints)
-    batch = StateBatch.stack([state])
-    index = table.check(mode, state.phase)
-    _check_states(batch, np.array([index]), params)
-    grounded = ~table.lifted_wheels(np.array([index]), batch.phase)[0]
-
-    def floats(values: FloatArray | IntArray | NDArray[np.bool_]) -> list[Scalar]:
-        return [float(value) for value in values]
-
-    return Lane(
-        phi=floats(state.phi),
-        w=floats(state.w),
-        u=[0.0] * params.n_joints,
-        integral=0.0,
-        duration=0.0,
-        violation=RUNNING,
-        d2_min=float("inf"),
-        max_abs_phi=0.0,
-        phase=float(state.phase),
-        target=float(state.target[state.phase - 1]),
-        ref_start=float(state.ref_start),
-        phase_time=float(state.phase_time),
-        grounded=floats(grounded),
-        wheels=floats(table.wheels[index]),
-    )

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from snake_env.equations.kinematics import (
     Body,
     centre_of_gravity,
-    d_min,
     guarded_pairs,
     locate,
     squared_distance,
     to_world,
 )
+from snake_env.kernel.distance import d_min
 from tests.support import oracle
 from tests.support.robots import shapes
 

@@ -13,6 +13,7 @@ from snake_env.equations import scalars
 from snake_env.equations.scalars import Scalar, sin_cos
 from snake_env.equations.tracing import Trace
 from snake_env.kernel import compiler
+from snake_env.kernel.emission import emit
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 2.0, -3.5, 1e-310, -1e300, math.inf, -math.inf, math.nan]
 MODERATE = st.floats(-1e6, 1e6)
@@ -31,7 +32,7 @@ def _compiled(
     for row, value in enumerate(function(*[trace.lane(row) for row in range(n_inputs)])):
         trace.store(n_inputs + row, value)
     rows = n_inputs + n_outputs
-    ir = compiler.emit(Trace(), trace, rows, 0, 1, lanes)
+    ir = emit(Trace(), trace, rows, 0, 1, lanes)
     assert lanes == 8 or "align 64" not in ir, "rows are not that well aligned: this may crash"
     run = compiler.load(ir, "a test")
 

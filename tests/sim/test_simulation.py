@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from snake_env import set_num_threads
-from snake_env.equations.kinematics import d_min
 from snake_env.errors import InvalidInputError
+from snake_env.kernel.distance import d_min
 from snake_env.kernel.interval import get_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -28,6 +28,7 @@ from snake_env.sim.simulation import (
     trajectory,
 )
 from snake_env.state import SnakeState, StateBatch
+from tests.support.interpreter import fma
 from tests.support.robots import (
     KNIFE_EDGE,
     PAPER,
@@ -127,11 +128,12 @@ def test_lane__does_not_depend_on_threads(mixed, count: int) -> None:  # type: i
     assert _bits(predict_batch(states.take([5]), modes[[5]], PAPER)) == [alone[5]]
 
 
+@pytest.mark.parametrize("lanes", [1, 2, 4, 8])
 def test_lane__does_not_depend_on_the_width_of_blocks(  # type: ignore[no-untyped-def]
-    mixed, monkeypatch: pytest.MonkeyPatch
+    mixed, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     states, modes, alone = mixed
-    monkeypatch.setattr(simulation, "get_kernel", lambda n, head: get_kernel(n, head, lanes=1))
+    monkeypatch.setattr(simulation, "get_kernel", lambda n, head: get_kernel(n, head, lanes))
     assert _bits(predict_batch(states, modes, PAPER)) == alone
 
 
@@ -177,7 +179,8 @@ def test_trajectory__is_eulers_and_ends_where_the_prediction_ends(seed: int) -> 
     motion, prediction = trajectory(state, mode, PAPER), predict(state, [mode], PAPER)
     assert np.array_equal(motion.phi[0], state.phi)
     assert np.array_equal(motion.w[0], state.w)
-    assert np.array_equal(motion.phi[1:], motion.phi[:-1] + PAPER.dt * motion.u)
+    for before, u, after in zip(motion.phi, motion.u, motion.phi[1:], strict=False):
+        assert after.tolist() == [fma(PAPER.dt, *pair) for pair in zip(u, before, strict=True)]
     assert motion.phi[-1].tobytes() == prediction.phi[0].tobytes()
     assert motion.w[-1].tobytes() == prediction.w[0].tobytes()
     assert motion.t[-1] == pytest.approx(prediction.duration[0], abs=1e-12)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from snake_env.equations.kinematics import d_min
 from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.kernel.distance import d_min
 from snake_env.params import SnakeParams
 from snake_env.sim import tasks
 from snake_env.sim.tasks import FROZEN, SUITES, TaskSuite, load_tasks, random_suite

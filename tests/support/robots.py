@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from evaluate.protocol import Row
 from snake_env.envs.slip import NO_SLIP, Slip
-from snake_env.equations.kinematics import d_min
+from snake_env.kernel.distance import d_min
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.optimizer import AnalyticOptimizer
