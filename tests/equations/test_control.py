@@ -28,7 +28,7 @@ from tests.support.robots import (
 )
 
 C = oracle_constants(PAPER)
-UNLIMITED = PAPER.replace(u_limit=1e9)
+UNLIMITED = PAPER.replace(u_limit=1e6)
 times = st.floats(0.0, 3.0)
 
 

@@ -136,7 +136,7 @@ def test_front_joints__have_no_slope_from_the_joint_limits() -> None:
 def test_redundant_input__never_climbs_the_cost(seed: int, t: float) -> None:
     state = random_state(seed)
     mode = random_mode(seed, state)
-    params = PAPER.replace(u_limit=1e9)
+    params = PAPER.replace(u_limit=1e6)
     u_ker = joint_input(state, mode, t, params)
     u_ker = u_ker - joint_input(state, mode, t, params.replace(k_eta=0.0))
     _, gradient = cost(state, mode, PAPER)
