@@ -14,10 +14,12 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import joblib
 import tyro
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
@@ -140,6 +142,7 @@ class Engine:
             )
             calls = (joblib.delayed(_call)(work, *numbered) for numbered in queue.take())
             try:
+                _start_trackers()
                 with interrupts.children_ignore():
                     begun_calls = parallel(calls)
                 with _closing(begun_calls) as results:
@@ -249,6 +252,13 @@ def _expected_cluster(complaints: bytes) -> str:
     reason = re.sub(r"^\[.*?\] (\S+:\d+: )?", "", lines[0]) if lines else "no answer"
     hint = ": set RAY_AUTH_MODE=token?" if "token" in reason else ""
     return f"a Ray cluster that answers within {_PATIENCE_S:.0f} s ({reason}{hint})"
+
+
+def _start_trackers() -> None:
+    """Starts the processes that track resources: they unblock SIGINT here when they are started."""
+    if hasattr(signal, "pthread_sigmask"):  # where there are none, there is nothing to unblock
+        loky_tracker.ensure_running()
+        resource_tracker.ensure_running()
 
 
 def _call(work: Callable[[Shard], Result], number: int, shard: Shard) -> tuple[int, Result]:

@@ -20,7 +20,6 @@ _COMMANDS = {"snake_env", "evaluate", "train", "agents"}
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SAME_S = 0.05  # a terminal, make and a worker may all pass on the same Ctrl-C
 _INSISTING = 3  # so many more of them end even what is being put in order
-_Handler = Callable[[int, FrameType | None], None]
 
 
 def start() -> None:
@@ -30,12 +29,15 @@ def start() -> None:
                if a.startswith("-m")]  # fmt: skip
     is_command = sys.argv[:1] == ["-m"] and bool(modules)  # so it is while packages are imported
     if is_command and modules[0].split(".")[0] in _COMMANDS:
-        _install(_ending("interrupted\n", INTERRUPTED))
+        _install(_end_at_once)
 
 
 def leave(code: int) -> NoReturn:
-    """Ends the process; an interrupt while it does changes nothing any more."""
-    _install(_ending("", code))
+    """Ends the process; an interrupt while it does changes nothing any more.
+
+    Handlers in Python would not do: the interpreter takes them away before it has ended.
+    """
+    _install(signal.SIG_IGN)
     sys.exit(code)
 
 
@@ -102,13 +104,10 @@ def _raise(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
-def _ending(message: str, code: int) -> _Handler:
-    def end(number: int, frame: FrameType | None) -> None:
-        with contextlib.suppress(OSError):
-            os.write(2, message.encode())
-        os._exit(code)
-
-    return end
+def _end_at_once(number: int, frame: FrameType | None) -> None:
+    with contextlib.suppress(OSError):
+        os.write(2, b"interrupted\n")
+    os._exit(INTERRUPTED)
 
 
 def _install(handler: Any, *numbers: int) -> None:
