@@ -10,7 +10,7 @@ from evaluate.protocol import Row
 from snake_env.envs.slip import Floor, Slip
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import lifted_wheels
-from snake_env.sim.simulation import Trajectory, trajectories
+from snake_env.sim.motion import Trajectory, trajectories
 from snake_env.state import SnakeState, StateBatch
 
 

@@ -25,18 +25,17 @@ from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.registry import load_policy
 from snake_env.sim.masks import action_mask
+from snake_env.sim.motion import Trajectory, trajectory
 from snake_env.sim.observation import observe
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
 from snake_env.sim.simulation import (
     Prediction,
-    Trajectory,
     advance,
     advance_batch,
     cost,
     joint_input,
     predict,
     predict_batch,
-    trajectory,
 )
 from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.state import SnakeState, StateBatch

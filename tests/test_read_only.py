@@ -18,7 +18,8 @@ from snake_env.networks.symmetry import mirror
 from snake_env.policies.registry import _reduced_candidates
 from snake_env.policies.value import shipped
 from snake_env.sb3 import SnakeVecEnv
-from snake_env.sim.simulation import advance, trajectory
+from snake_env.sim.motion import trajectory
+from snake_env.sim.simulation import advance
 from tests.support.robots import PAPER, random_state, straight_state
 
 COPIES: dict[str, Callable[[Any], Any]] = {

@@ -18,8 +18,8 @@ from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameErr
 from snake_env.params import SnakeParams
 from snake_env.rendering.scenes import FRAMES_PER_SECOND
 from snake_env.rendering.viewer import Viewer
+from snake_env.sim.lanes import check_states
 from snake_env.sim.masks import MaskLevel
-from snake_env.sim.simulation import check_states
 from snake_env.state import SnakeState, StateBatch
 
 _ONLY = np.array([0])

@@ -19,7 +19,7 @@ from snake_env.kernel.blocks import constants_of
 from snake_env.kernel.interval import RUNNING, Kernel, get_kernel
 from snake_env.kernel.lane_function import LaneFunction
 from snake_env.params import SnakeParams
-from snake_env.sim.simulation import final_blocks
+from snake_env.sim.lanes import final_blocks
 from snake_env.state import FloatArray, IntArray, SnakeState
 
 

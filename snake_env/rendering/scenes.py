@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import lifted_wheels
-from snake_env.sim.simulation import trajectory
+from snake_env.sim.motion import trajectory
 from snake_env.state import FloatArray, SnakeState
 
 FRAMES_PER_SECOND = 20

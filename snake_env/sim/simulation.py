@@ -7,32 +7,29 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from snake_env.equations.control import redundancy_gain
-from snake_env.errors import InvalidInputError, InvalidModeError
+from snake_env.errors import InvalidInputError
 from snake_env.kernel import distance
-from snake_env.kernel.blocks import clock_of, constants_of
+from snake_env.kernel.blocks import clock_of
 from snake_env.kernel.interval import (
     BEYOND_LIMIT,
-    PADDING,
     RUNNING,
     UNSTABLE,
     get_cost_program,
-    get_kernel,
 )
 from snake_env.modes import mode_table
-from snake_env.params import LARGEST, SnakeParams
-from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch, read_only, remade
+from snake_env.params import SnakeParams
+from snake_env.sim.lanes import check_pairs, checked_lane, checked_modes, run_lanes, with_each
+from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 VIOLATIONS = ("", "stability", "joint_limit")
 """Names of what can go wrong in an interval: nothing, (22), (23)."""
 
 _NAMES = np.array(VIOLATIONS)
-_REAL_FIELDS = ("w", "phi", "target", "phase_time", "ref_start", "elapsed", "last_turn")
 assert (RUNNING, UNSTABLE, BEYOND_LIMIT) == (0, 1, 2)  # they index VIOLATIONS
 
 
@@ -74,30 +71,6 @@ class Prediction:
         return Prediction(**{field.name: getattr(self, field.name)[indices] for field in fields})
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """The motion inside one interval, at each sub-step. The arrays are read-only.
-
-    Attributes:
-        t: Times inside the interval, shape (K + 1,) [s].
-        phi: Joint angles, shape (K + 1, n) [rad].
-        w: Head pose, shape (K + 1, 3) [m, m, rad].
-        u: Joint input between them, shape (K, n) [rad/s].
-    """
-
-    t: FloatArray
-    phi: FloatArray
-    w: FloatArray
-    u: FloatArray
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return remade(self)
-
-
 def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Prediction:
     """Predicts one interval for each mode, in one pass of the kernel.
 
@@ -113,25 +86,7 @@ def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Predict
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
-    return predict_batch(*_with_each(state, modes), params)
-
-
-def final_blocks(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> FloatArray:
-    """What :func:`predict` makes predictions of: the kernel's blocks at the end of the interval.
-
-    Returns:
-        Shape (n_blocks, n_rows, n_lanes), as :class:`snake_env.kernel.interval.Kernel` lays them out;
-        a lane for each mode, then padding.
-    """
-    states, chosen = _with_each(state, modes)
-    _check_states(states, chosen, params)
-    return _run_blocks(states, chosen, params, clock_of(params))
-
-
-def _with_each(state: SnakeState, modes: ArrayLike) -> tuple[StateBatch, IntArray]:
-    """One state for each of some modes."""
-    chosen = _checked_modes(modes)
-    return StateBatch.stack([state]).take(np.zeros(len(chosen), dtype=np.intp)), chosen
+    return predict_batch(*with_each(state, modes), params)
 
 
 def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -146,9 +101,9 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
         InvalidModeError: A mode is out of range or not valid in its state's phase.
         InvalidInputError: The states do not fit the constants or the modes.
     """
-    chosen = _checked_modes(modes)
-    _check_states(states, chosen, params)
-    outcome = _run(states, chosen, params, clock_of(params))
+    chosen = checked_modes(modes)
+    check_pairs(states, chosen, params)
+    outcome = run_lanes(states, chosen, params, clock_of(params))
     scp = states.phase - 1
     lanes = np.arange(len(chosen))
     turned = np.abs(outcome["phi"][lanes, scp] - states.phi[lanes, scp])
@@ -182,9 +137,9 @@ def instantly_stable(
     Returns:
         Shape (N,). Costs no roll-out: nothing is integrated.
     """
-    chosen = _checked_modes(modes)
-    _check_states(states, chosen, params)
-    outcome = _run(states, chosen, params, clock_of(params)[:0])
+    chosen = checked_modes(modes)
+    check_pairs(states, chosen, params)
+    outcome = run_lanes(states, chosen, params, clock_of(params)[:0])
     stable: NDArray[np.bool_] = outcome["violation"][:, 0] == RUNNING
     return stable
 
@@ -245,47 +200,6 @@ def successors(
     )
 
 
-def trajectories(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> list[Trajectory]:
-    """The motion of many states through one interval, with one mode each, sub-step by sub-step."""
-    chosen = _checked_modes(modes)
-    _check_states(states, chosen, params)
-    clock = clock_of(params)
-    n_steps = len(clock)
-    now = states
-    phi, w, u = [states.phi], [states.w], []
-    running = np.zeros((len(chosen), n_steps), dtype=np.bool_)
-    ended = np.zeros(len(chosen), dtype=np.bool_)
-    for step in range(n_steps):
-        outcome = _run(now, chosen, params, clock[step : step + 1])
-        running[:, step] = ~ended & (outcome["duration"][:, 0] > 0.0)
-        ended |= outcome["violation"][:, 0] != RUNNING
-        now = dataclasses.replace(now, phi=outcome["phi"], w=outcome["w"])
-        phi.append(outcome["phi"])
-        w.append(outcome["w"])
-        u.append(outcome["u"])
-    times = np.append(clock[:, 0], params.delta_t)
-    result = []
-    for lane, length in enumerate(running.sum(axis=1)):
-        result.append(
-            Trajectory(
-                t=times[: length + 1],
-                phi=np.array([step[lane] for step in phi[: length + 1]]),
-                w=np.array([step[lane] for step in w[: length + 1]]),
-                u=np.array([step[lane] for step in u[:length]]).reshape(length, params.n_joints),
-            )
-        )
-    return result
-
-
-def trajectory(state: SnakeState, mode: int, params: SnakeParams) -> Trajectory:
-    """The motion through one interval with a mode, sub-step by sub-step, up to a violation.
-
-    Raises:
-        InvalidModeError: The mode is out of range or not valid in the phase.
-    """
-    return trajectories(StateBatch.stack([state]), [mode], params)[0]
-
-
 def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> FloatArray:
     """Joint input u of (29) for the given state at time ``t`` inside the interval.
 
@@ -304,9 +218,9 @@ def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> 
     """
     if not isinstance(t, (int, float, np.number)) or not 0.0 <= t <= params.delta_t:
         raise InvalidInputError("t", t, f"a time from 0 to delta_t = {params.delta_t} s")
-    states, chosen = _checked_lane(state, mode, params)
+    states, chosen = checked_lane(state, mode, params)
     now = np.array([[float(t), redundancy_gain(float(t), params)]])
-    u: FloatArray = _run(states, chosen, params, now)["u"][0]
+    u: FloatArray = run_lanes(states, chosen, params, now)["u"][0]
     return u
 
 
@@ -324,109 +238,8 @@ def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, Floa
     Raises:
         InvalidModeError: The mode is out of range or not valid in the phase.
     """
-    states, chosen = _checked_lane(state, mode, params)
+    states, chosen = checked_lane(state, mode, params)
     grounded = ~mode_table(params.n_joints).lifted_wheels(chosen, states.phase)[0]
     program = get_cost_program(params.n_joints)
     values = program.of_one(params, (state.phi, float(state.phase), grounded), np.float64)
     return float(values[0]), values[1:]
-
-
-def _checked_lane(state: SnakeState, mode: int, params: SnakeParams) -> tuple[StateBatch, IntArray]:
-    """A state with a mode as a batch, known to belong together."""
-    states = StateBatch.stack([state])
-    chosen = np.array([mode_table(params.n_joints).check(mode, state.phase)])
-    _check_states(states, chosen, params)
-    return states, chosen
-
-
-def _checked_modes(modes: ArrayLike) -> IntArray:
-    array = np.asarray(modes)
-    if array.ndim != 1:
-        raise InvalidInputError("modes.shape", array.shape, "one dimension")
-    if len(array) and array.dtype.kind not in "iu":
-        raise InvalidModeError("modes", array.tolist(), "integers")
-    return array.astype(np.int64)
-
-
-def check_states(states: StateBatch, params: SnakeParams) -> None:
-    """Raises InvalidInputError where states can't be those of a robot with these constants."""
-    n = params.n_joints
-    for name, length in (("phi", n), ("target", n), ("w", 3)):
-        shape = getattr(states, name).shape
-        if len(shape) != 2 or shape[1] != length:
-            expected = "3 numbers" if name == "w" else f"n_joints = {n} joint angles"
-            found = shape[1] if len(shape) == 2 else shape[1:]
-            raise InvalidInputError(f"state.{name}", found, expected)
-    numbers = {name: getattr(states, name).ravel() for name in _REAL_FIELDS}
-    sizes = np.abs(np.concatenate(tuple(numbers.values())))  # all at once: it is quicker
-    if not (sizes <= LARGEST).all():
-        for name, values in numbers.items():
-            for wrong in values[~(np.abs(values) <= LARGEST)]:
-                expected = f"finite numbers, at most {LARGEST:g} in size"
-                raise InvalidInputError(f"state.{name}", float(wrong), expected)
-    if len(states) and (states.phase.min() < 1 or states.phase.max() > n + 1):
-        raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
-    if len(states) and not -1 <= states.last_mode.min() <= states.last_mode.max() < len(
-        mode_table(n)
-    ):
-        raise InvalidInputError("state.last_mode", states.last_mode.tolist(), "mode indices or -1")
-
-
-def _check_states(states: StateBatch, modes: IntArray, params: SnakeParams) -> None:
-    """Raises where states, modes and constants do not belong together."""
-    if len(modes) != len(states):
-        raise InvalidInputError("modes", len(modes), f"one mode for each of {len(states)} states")
-    if len(states) == 0:
-        return
-    check_states(states, params)
-    table = mode_table(params.n_joints)
-    in_range = (modes >= 0) & (modes < len(table))
-    valid = (
-        in_range & table.masks(states.phase)[np.arange(len(modes)), np.where(in_range, modes, 0)]
-    )
-    if not valid.all():
-        first = int(np.argmin(valid))
-        table.check(int(modes[first]), int(states.phase[first]))
-
-
-def _run(
-    states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
-) -> dict[str, FloatArray]:
-    """Runs the kernel over states with a mode each; what each lane ends with, by field."""
-    return _outcome(_run_blocks(states, modes, params, clock), len(modes), params)
-
-
-def _run_blocks(
-    states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
-) -> FloatArray:
-    """Runs the kernel over states with a mode each; its blocks, as it left them."""
-    table = mode_table(params.n_joints)
-    kernel = get_kernel(params.n_joints, params.head_contact)
-    at, count = kernel.rows, len(modes)
-    blocks = kernel.blocks(count)
-    lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
-    each, scp = np.arange(count), states.phase - 1
-    grounded = ~table.lifted_wheels(modes, states.phase)
-    lanes[at["violation"], count:] = PADDING
-    lanes[at["d2_min"]] = np.inf
-    lanes[at["phi"], :count] = states.phi.T
-    lanes[at["w"], :count] = states.w.T
-    lanes[at["max_abs_phi"], :count] = np.abs(states.phi).max(axis=1, initial=0.0)
-    lanes[at["phase"], :count] = states.phase
-    lanes[at["target"], :count] = states.target[each, scp]
-    lanes[at["ref_start"], :count] = states.ref_start
-    lanes[at["phase_time"], :count] = states.phase_time
-    lanes[at["grounded"], :count] = grounded.T
-    lanes[at["wheels"], :count] = table.wheels[modes].T
-    blocks[:] = lanes.reshape(kernel.n_rows, len(blocks), kernel.lanes).transpose(1, 0, 2)
-    kernel.run(blocks, constants_of(params), clock)
-    return blocks
-
-
-def _outcome(blocks: FloatArray, count: int, params: SnakeParams) -> dict[str, FloatArray]:
-    """What each lane ends with, by field."""
-    kernel = get_kernel(params.n_joints, params.head_contact)
-    at = kernel.rows
-    lanes = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, :count]
-    outputs = ("phi", "w", "u", "integral", "duration", "violation", "d2_min", "max_abs_phi")
-    return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}

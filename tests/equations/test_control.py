@@ -13,7 +13,8 @@ from snake_env.equations import control
 from snake_env.equations.kinematics import locate
 from snake_env.errors import InvalidInputError, InvalidModeError
 from snake_env.modes import mode_table
-from snake_env.sim.simulation import joint_input, trajectory
+from snake_env.sim.motion import trajectory
+from snake_env.sim.simulation import joint_input
 from tests.support import oracle
 from tests.support.robots import (
     PAPER,

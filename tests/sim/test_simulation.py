@@ -15,7 +15,8 @@ from snake_env.kernel.distance import d_min
 from snake_env.kernel.interval import get_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.sim import simulation
+from snake_env.sim import lanes as lanes_module
+from snake_env.sim.motion import trajectories, trajectory
 from snake_env.sim.simulation import (
     Prediction,
     advance,
@@ -24,8 +25,6 @@ from snake_env.sim.simulation import (
     joint_input,
     predict,
     predict_batch,
-    trajectories,
-    trajectory,
 )
 from snake_env.state import SnakeState, StateBatch
 from tests.support.interpreter import fma
@@ -133,7 +132,7 @@ def test_lane__does_not_depend_on_the_width_of_blocks(  # type: ignore[no-untype
     mixed, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     states, modes, alone = mixed
-    monkeypatch.setattr(simulation, "get_kernel", lambda n, head: get_kernel(n, head, lanes))
+    monkeypatch.setattr(lanes_module, "get_kernel", lambda n, head: get_kernel(n, head, lanes))
     assert _bits(predict_batch(states, modes, PAPER)) == alone
 
 

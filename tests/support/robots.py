@@ -13,8 +13,9 @@ from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.kernel.distance import d_min
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.sim.motion import Trajectory, trajectory
 from snake_env.sim.optimizer import AnalyticOptimizer
-from snake_env.sim.simulation import Trajectory, advance, predict, trajectory
+from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import FloatArray, SnakeState
 from tests.support import oracle
