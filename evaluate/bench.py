@@ -24,6 +24,7 @@ from snake_env.kernel.interval import (
     PADDING,
     RUNNING,
     Kernel,
+    Lane,
     get_kernel,
     sub_step,
 )
@@ -31,7 +32,7 @@ from snake_env.modes import mode_table
 from snake_env.params import N_JOINTS_RANGE, SnakeParams
 from snake_env.policies.registry import load_policy
 from snake_env.sim.optimizer import AnalyticOptimizer
-from snake_env.sim.simulation import float_lane, predict
+from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
 from tests.support import oracle
@@ -143,6 +144,28 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
         [name, f"{1e9 * u:.0f}", f"{u / unit[0]:.1f}"] for name, u in zip(names, unit, strict=True)
     ]
     return ["", "ns per mode-sub-step", "times the kernel's"], rows
+
+
+def float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
+    """A state with a mode as a lane of plain floats, on which the equations run unrewritten."""
+    table = mode_table(params.n_joints)
+    lifted = table.lifted_wheels(np.array([mode]), np.array([state.phase]))[0]
+    return Lane(
+        phi=state.phi.tolist(),
+        w=state.w.tolist(),
+        u=[0.0] * params.n_joints,
+        integral=0.0,
+        duration=0.0,
+        violation=RUNNING,
+        d2_min=float("inf"),
+        max_abs_phi=0.0,
+        phase=float(state.phase),
+        target=float(state.target[state.phase - 1]),
+        ref_start=float(state.ref_start),
+        phase_time=float(state.phase_time),
+        grounded=[float(not up) for up in lifted],
+        wheels=[float(wheel) for wheel in table.wheels[mode]],
+    )
 
 
 def filled_blocks(
