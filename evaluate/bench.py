@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from evaluate.bench_kernel import composition, processor
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from snake_env.kernel.blocks import clock_of, constants_of
@@ -44,13 +44,12 @@ _POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+s
 def main() -> None:
     """Measures everything and prints it."""
     console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
-    console.print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, one thread used"
-    )
+    console.print(f"{processor()}, {os.cpu_count()} cores, one thread used")
     params = SnakeParams()
     state = load_tasks("sim-1", params).initial(0, params)
     for title, columns, rows in (
         ("one decision of (21) in phase 1: 99 modes, 150 sub-steps each", *decision(state, params)),
+        ("the kernel's loop", *loop(state, params)),
         ("the kernel against the same work done otherwise", *ratios(state, params)),
         ("all modes of phase 1, by number of joints", *scaling()),
         (
@@ -96,22 +95,35 @@ def decision(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[li
     return ["min [ms]", "median [ms]", "ns per mode-sub-step", "decisions/s"], [row]
 
 
+def loop(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
+    """Operations of the kernel's loop, and its time against the least possible."""
+    kernel = get_kernel(params.n_joints, params.head_contact)
+    (times,) = timed(_runner(kernel, state, params))
+    return composition(kernel, 1e9 * min(times) / len(_modes(params)) / params.n_steps)
+
+
+def _modes(params: SnakeParams) -> np.ndarray:
+    """Modes of phase 1 that fill blocks of any width."""
+    return mode_table(params.n_joints).valid(1)[:96]
+
+
+def _runner(kernel: Kernel, state: SnakeState, params: SnakeParams) -> Callable[[], None]:
+    """An interval with each of these modes, from fresh blocks."""
+    filled = filled_blocks(kernel, state, _modes(params), params)
+    blocks = kernel.blocks(len(_modes(params)))
+
+    def function() -> None:
+        blocks[:] = filled
+        kernel.run(blocks, constants_of(params), clock_of(params))
+
+    return function
+
+
 def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
     """The kernel on full blocks, lane by lane, in plain floats, and as NumPy transcription."""
-    modes = mode_table(params.n_joints).valid(1)[:96]
+    modes = _modes(params)
     wide, narrow = get_kernel(8, True), get_kernel(8, True, 1)
-    constants, clock = constants_of(params), clock_of(params)
-
-    def run(kernel: Kernel) -> Callable[[], None]:
-        filled = filled_blocks(kernel, state, modes, params)
-
-        def function() -> None:
-            blocks = kernel.blocks(len(modes))
-            blocks[:] = filled
-            kernel.run(blocks, constants, clock)
-
-        return function
-
+    run_wide, run_narrow = _runner(wide, state, params), _runner(narrow, state, params)
     lifted = mode_table(8).lifted[modes[50]].copy()
     lifted[0] = True
     literal = oracle.Constants()
@@ -123,10 +135,10 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
 
     def floats() -> None:
         lane = float_lane(state, int(modes[50]), params)
-        for t, k_eta in clock.tolist():
+        for t, k_eta in clock_of(params).tolist():
             sub_step(lane, t, k_eta, params)
 
-    fast, slow, python, numpy_time = timed(run(wide), run(narrow), floats, transcription, repeats=5)
+    fast, slow, python, numpy_time = timed(run_wide, run_narrow, floats, transcription, repeats=5)
     steps = params.n_steps
     unit = [
         statistics.median(fast) / len(modes) / steps,
@@ -135,7 +147,7 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
         statistics.median(numpy_time) / steps,
     ]
     names = [
-        "kernel, blocks of 8 lanes",
+        f"kernel, blocks of {wide.lanes} lanes",
         "kernel, one lane at a time",
         "the same equations on Python floats, mode by mode",
         "literal NumPy transcription (pinv, finite differences), mode by mode",

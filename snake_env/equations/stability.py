@@ -40,9 +40,9 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
 
     Seen from the centre of gravity, the contacts met so far fill a wedge from direction ``right`` to
     direction ``left``. It grows contact by contact until one falls opposite to it: then, and only
-    then, the contacts surround the centre of gravity. No hull has to be built. A contact that is exactly
-    opposite while the wedge is still a single ray leaves the side open: with it, the contacts surround
-    the centre of gravity if the wedge opens to both sides of that ray.
+    then, the contacts surround the centre of gravity. No hull has to be built. A contact may lie
+    exactly opposite while the wedge is still a single ray. Then the contacts surround the centre of
+    gravity if the wedge opens to both sides of that ray.
 
     Args:
         body: The robot's body.
