@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import numpy as np
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from evaluate.bench_kernel import composition, processor
 from evaluate.command import console as make_console
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
@@ -24,6 +24,7 @@ from snake_env.kernel.interval import (
     PADDING,
     RUNNING,
     Kernel,
+    Lane,
     get_kernel,
     sub_step,
 )
@@ -31,7 +32,7 @@ from snake_env.modes import mode_table
 from snake_env.params import N_JOINTS_RANGE, SnakeParams
 from snake_env.policies.registry import load_policy
 from snake_env.sim.optimizer import AnalyticOptimizer
-from snake_env.sim.simulation import float_lane, predict
+from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
 from tests.support import oracle
@@ -43,13 +44,12 @@ _POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+s
 def main() -> None:
     """Measures everything and prints it."""
     console = make_console()
-    console.print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, one thread used"
-    )
+    console.print(f"{processor()}, {os.cpu_count()} cores, one thread used")
     params = SnakeParams()
     state = load_tasks("sim-1", params).initial(0, params)
     for title, columns, rows in (
         ("one decision of (21) in phase 1: 99 modes, 150 sub-steps each", *decision(state, params)),
+        ("the kernel's loop", *loop(state, params)),
         ("the kernel against the same work done otherwise", *ratios(state, params)),
         ("all modes of phase 1, by number of joints", *scaling()),
         (
@@ -95,22 +95,35 @@ def decision(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[li
     return ["min [ms]", "median [ms]", "ns per mode-sub-step", "decisions/s"], [row]
 
 
+def loop(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
+    """Operations of the kernel's loop, and its time against the least possible."""
+    kernel = get_kernel(params.n_joints, params.head_contact)
+    (times,) = timed(_runner(kernel, state, params))
+    return composition(kernel, 1e9 * min(times) / len(_modes(params)) / params.n_steps)
+
+
+def _modes(params: SnakeParams) -> np.ndarray:
+    """Modes of phase 1 that fill blocks of any width."""
+    return mode_table(params.n_joints).valid(1)[:96]
+
+
+def _runner(kernel: Kernel, state: SnakeState, params: SnakeParams) -> Callable[[], None]:
+    """An interval with each of these modes, from fresh blocks."""
+    filled = filled_blocks(kernel, state, _modes(params), params)
+    blocks = kernel.blocks(len(_modes(params)))
+
+    def function() -> None:
+        blocks[:] = filled
+        kernel.run(blocks, constants_of(params), clock_of(params))
+
+    return function
+
+
 def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
     """The kernel on full blocks, lane by lane, in plain floats, and as NumPy transcription."""
-    modes = mode_table(params.n_joints).valid(1)[:96]
+    modes = _modes(params)
     wide, narrow = get_kernel(8, True), get_kernel(8, True, 1)
-    constants, clock = constants_of(params), clock_of(params)
-
-    def run(kernel: Kernel) -> Callable[[], None]:
-        filled = filled_blocks(kernel, state, modes, params)
-
-        def function() -> None:
-            blocks = kernel.blocks(len(modes))
-            blocks[:] = filled
-            kernel.run(blocks, constants, clock)
-
-        return function
-
+    run_wide, run_narrow = _runner(wide, state, params), _runner(narrow, state, params)
     lifted = mode_table(8).lifted[modes[50]].copy()
     lifted[0] = True
     literal = oracle.Constants()
@@ -122,10 +135,10 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
 
     def floats() -> None:
         lane = float_lane(state, int(modes[50]), params)
-        for t, k_eta in clock.tolist():
+        for t, k_eta in clock_of(params).tolist():
             sub_step(lane, t, k_eta, params)
 
-    fast, slow, python, numpy_time = timed(run(wide), run(narrow), floats, transcription, repeats=5)
+    fast, slow, python, numpy_time = timed(run_wide, run_narrow, floats, transcription, repeats=5)
     steps = params.n_steps
     unit = [
         statistics.median(fast) / len(modes) / steps,
@@ -134,7 +147,7 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
         statistics.median(numpy_time) / steps,
     ]
     names = [
-        "kernel, blocks of 8 lanes",
+        f"kernel, blocks of {wide.lanes} lanes",
         "kernel, one lane at a time",
         "the same equations on Python floats, mode by mode",
         "literal NumPy transcription (pinv, finite differences), mode by mode",
@@ -143,6 +156,28 @@ def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list
         [name, f"{1e9 * u:.0f}", f"{u / unit[0]:.1f}"] for name, u in zip(names, unit, strict=True)
     ]
     return ["", "ns per mode-sub-step", "times the kernel's"], rows
+
+
+def float_lane(state: SnakeState, mode: int, params: SnakeParams) -> Lane:
+    """A state with a mode as a lane of plain floats, on which the equations run unrewritten."""
+    table = mode_table(params.n_joints)
+    lifted = table.lifted_wheels(np.array([mode]), np.array([state.phase]))[0]
+    return Lane(
+        phi=state.phi.tolist(),
+        w=state.w.tolist(),
+        u=[0.0] * params.n_joints,
+        integral=0.0,
+        duration=0.0,
+        violation=RUNNING,
+        d2_min=float("inf"),
+        max_abs_phi=0.0,
+        phase=float(state.phase),
+        target=float(state.target[state.phase - 1]),
+        ref_start=float(state.ref_start),
+        phase_time=float(state.phase_time),
+        grounded=[float(not up) for up in lifted],
+        wheels=[float(wheel) for wheel in table.wheels[mode]],
+    )
 
 
 def filled_blocks(

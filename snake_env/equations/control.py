@@ -67,10 +67,10 @@ def rolling_rates(
 
 def limit_margin(phi: Sequence[Scalar], rear: Sequence[Bool], p: SnakeParams) -> Scalar:
     """Phi of (26) [rad]: least distance to the joint limit behind the SCP; infinite at the tail."""
-    margin: Scalar = math.inf
+    largest: Scalar = 0.0
     for angle, behind in zip(phi, rear, strict=True):
-        margin = minimum(select(behind, p.phi_limit - absolute(angle), math.inf), margin)
-    return margin
+        largest = maximum(select(behind, absolute(angle), 0.0), largest)
+    return select(rear[-1], p.phi_limit - largest, math.inf)  # the last joint, or none
 
 
 def tracking_gain(margin: Scalar, p: SnakeParams) -> Scalar:

@@ -2,7 +2,9 @@
 
 The equations of the paper are written once, as ordinary functions of scalars. Given floats they
 compute numbers; given :class:`snake_env.equations.tracing.Traced` values they record the kernel's code.
-Both perform the same IEEE operations in the same order, so both give the same bits.
+Both perform the same IEEE operations in the same order. Programs run what was recorded rewritten by
+:mod:`snake_env.equations.rewriting`: sums take products in, rounded once. So floats agree with the
+kernel to rounding; whatever must agree to the bit runs compiled.
 """
 
 from __future__ import annotations
@@ -107,12 +109,11 @@ def sin_cos(x: Scalar) -> tuple[Scalar, Scalar]:
     sine = r * _polynomial(_SIN_TERMS, r2)
     cosine = _polynomial(_COS_TERMS, r2)
     turn = quarter - 4.0 * ((quarter * 0.25 + _ROUND) - _ROUND)  # quarter modulo 4, in -2..2
-    swapped = absolute(turn) == 1.0
+    is_left, is_right, is_back = turn == 1.0, turn == -1.0, absolute(turn) == 2.0
+    swapped = either(is_left, is_right)
     sin_value = select(swapped, cosine, sine)
     cos_value = select(swapped, sine, cosine)
-    sin_negative = either(turn < 0.0, turn == 2.0)
-    cos_negative = either(turn == 1.0, absolute(turn) == 2.0)
     return (
-        select(sin_negative, -sin_value, sin_value),
-        select(cos_negative, -cos_value, cos_value),
+        select(either(is_right, is_back), -sin_value, sin_value),
+        select(either(is_left, is_back), -cos_value, cos_value),
     )

@@ -40,9 +40,9 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
 
     Seen from the centre of gravity, the contacts met so far fill a wedge from direction ``right`` to
     direction ``left``. It grows contact by contact until one falls opposite to it: then, and only
-    then, the contacts surround the centre of gravity. No hull has to be built. As long as all contacts
-    lie on one ``line`` through the centre of gravity, the first one beside it decides to which side
-    the wedge opens.
+    then, the contacts surround the centre of gravity. No hull has to be built. A contact may lie
+    exactly opposite while the wedge is still a single ray. Then the contacts surround the centre of
+    gravity if the wedge opens to both sides of that ray.
 
     Args:
         body: The robot's body.
@@ -52,7 +52,9 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
     cx, cy = centre_of_gravity(body)
     surrounded: Bool = False
     started: Bool = False
-    line: Bool = False
+    opposed: Bool = False
+    opened_right: Bool = False
+    opened_left: Bool = False
     right: Point = (0.0, 0.0)
     left: Point = (0.0, 0.0)
     for k, (x, y) in contacts(body, p):
@@ -60,16 +62,15 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
         touches: Bool = True if k == 0 else grounded[k - 1]
         begins = both(touches, negate(started))
         continues = both(touches, started)
-        of_right, of_left = _cross(right, point), _cross(left, point)
-        outside_right, outside_left = of_right < 0.0, of_left > 0.0
-        surrounded = either(surrounded, both(continues, both(outside_right, outside_left)))
-        to_left = both(continues, both(outside_left, negate(outside_right)))
-        to_right = both(continues, both(outside_right, negate(outside_left)))
-        new_left = _choose(line, (-right[0], -right[1]), point)
-        new_right = _choose(line, (-left[0], -left[1]), point)
-        left = _choose(to_left, new_left, _choose(begins, point, left))
-        right = _choose(to_right, new_right, _choose(begins, point, right))
-        on_line = both(both(of_right == 0.0, of_left == 0.0), _dot(right, point) < 0.0)
-        line = both(either(line, both(continues, on_line)), negate(either(to_left, to_right)))
+        to_right = both(continues, _cross(right, point) < 0.0)
+        to_left = both(continues, _cross(left, point) > 0.0)
+        opened_right = either(opened_right, to_right)
+        opened_left = either(opened_left, to_left)
+        is_ray = both(continues, negate(either(opened_right, opened_left)))
+        opposed = either(opposed, both(is_ray, _dot(right, point) < 0.0))
+        right = _choose(either(begins, to_right), point, right)
+        left = _choose(either(begins, to_left), point, left)
         started = either(started, touches)
+        open_both_ways = both(opposed, both(opened_right, opened_left))
+        surrounded = either(surrounded, either(both(to_right, to_left), open_both_ways))
     return surrounded
