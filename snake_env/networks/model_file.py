@@ -124,7 +124,10 @@ def read_model(path: Path) -> Model:
             raise _bad(path, f"a file of at most {LARGEST_FILE} bytes")
         data = path.read_bytes()
     except OSError as error:
-        raise _bad(path, f"a file that can be read ({error.strerror})") from None
+        hint = "; a training writes its first model with its first checkpoint"
+        missing = isinstance(error, FileNotFoundError)
+        expected = f"a file that can be read ({error.strerror}{hint if missing else ''})"
+        raise _bad(path, expected) from None
     manifest, numbers = _read_manifest(path, data)
     try:
         tensors = load(data)

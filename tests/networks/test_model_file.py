@@ -1,5 +1,6 @@
 """Model files: what is written is read, and nothing that was damaged, altered or made up is."""
 
+import contextlib
 import dataclasses
 import hashlib
 import itertools
@@ -8,12 +9,15 @@ import pickle
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
 from snake_env.errors import InvalidInputError
@@ -394,3 +398,51 @@ def test_header__that_lies_about_sizes_is_refused(path: Path) -> None:
         write_model(path, _model())
     path.write_bytes(struct.pack("<Q", 2**63) + bytes(100))
     assert "a model with a manifest in its header" in _refusal(path)
+
+
+def _damage(data: bytes, kind: str, place: float, byte: int) -> bytes:
+    """A file with a byte changed, a stretch missing, or something put in or in its place."""
+    at = int(place * (len(data) - 1))
+    changed = bytes([data[at] ^ byte])
+    return {
+        "flipped": data[:at] + changed + data[at + 1 :],
+        "cut": data[:at],
+        "hole": data[:at] + data[at + byte :],
+        "longer": data[:at] + bytes([byte]) * byte + data[at:],
+        "swapped": data[at:] + data[:at],
+    }[kind]
+
+
+@settings(max_examples=300)
+@given(
+    st.sampled_from(["flipped", "cut", "hole", "longer", "swapped"]),
+    st.floats(0.0, 1.0),
+    st.integers(1, 255),
+)
+def test_damaged_file__is_refused_or_the_same_model(kind: str, place: float, byte: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "value.safetensors"
+        write_model(path, _model())
+        data = path.read_bytes()
+        path.write_bytes(_damage(data, kind, place, byte))
+        refused = True
+        with contextlib.suppress(InvalidInputError):
+            model = read_model(path)
+            refused = False
+        if refused:
+            assert "\n" not in _refusal(path)
+            return
+        good = _model()  # a space in the header may be lost: what counts is the same
+        assert (model.kind, model.params, model.made) == (good.kind, good.params, good.made)
+        for one, other in zip(model.network.weights, good.network.weights, strict=True):
+            assert np.array_equal(one, other)
+
+
+@settings(max_examples=100)
+@given(st.binary(max_size=200))
+def test_bytes__that_anyone_made_up_are_refused(data: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.safetensors"
+        path.write_bytes(data)
+        with pytest.raises(InvalidInputError, match=r"^model = "):
+            read_model(path)
