@@ -116,7 +116,6 @@ def solve(problem: Problem) -> Row:
     params, state = problem.params, problem.state
     budget = Budget(rollouts=problem.rollouts)
     plan = replay(state, problem.known, params)
-    budget.spend(len(problem.known))
     greedy = analytic_plan(state, params, params.horizon, budget)
     if greedy is not None and greedy.better_than(plan):
         plan = greedy

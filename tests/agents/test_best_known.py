@@ -112,9 +112,7 @@ def test_solve__replaces_a_known_plan_by_a_shorter_one() -> None:
 
 def test_solve__does_without_a_known_plan_that_does_not_come_true() -> None:
     other = tuple(_greedy(_problem(1).state).modes)
-    row, without = solve(_problem(known=other)), solve(_problem())
-    assert row.pop("rollouts") == without.pop("rollouts") + len(other)  # it was played, in vain
-    assert row == without
+    assert solve(_problem(known=other)) == solve(_problem())
 
 
 def test_solve__without_a_plan_says_how_hard_it_was_tried() -> None:
