@@ -95,6 +95,7 @@ def initialise(model: MaskedDQN, network: Network, settings: Settings) -> None:
 def iterate(model: MaskedDQN, callback: BaseCallback, settings: Settings) -> None:
     """Some decisions and the updates that follow."""
     assert model.env is not None
+    assert model.replay_buffer is not None
     model.collect_rollouts(
         model.env,
         callback,

@@ -20,8 +20,8 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
+from agents.labels import Decisions
 from agents.mlp import PREFERENCE, batches, build, from_numpy, linear_layers, scaled, to_numpy
-from agents.teacher import Decisions
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -171,7 +171,7 @@ def fit(
         regret = _regret(costs, how)
         loss = _loss(values, costs, regret, how)
         optimizer.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
         last_pass.append(regret.gather(1, values.argmax(dim=1, keepdim=True))[:, 0])

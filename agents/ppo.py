@@ -106,7 +106,7 @@ def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> Avera
         seed=seed,
         device=device,
     )
-    mean = get_ema_multi_avg_fn(1.0 - settings.average)
+    mean = get_ema_multi_avg_fn(1.0 - settings.average)  # type: ignore[no-untyped-call]
     model.average = AveragedModel(nn.ModuleList(_actor(model)), multi_avg_fn=mean)
     return model
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.labels import Decisions, join, mirror_image
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
@@ -30,40 +30,9 @@ NEAR_LIMIT = 0.05
 """How close to its limit a joint begins in some episodes, at most [rad]."""
 FEW = 3
 """A state with at most so many feasible modes is near a deadlock."""
-STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
 _SIDE_BY_SIDE = 64  # episodes
 _LONGEST = 40  # an episode is left after so many decisions
 _NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
-
-
-@dataclass(frozen=True, eq=False)
-class Decisions:
-    """States, and what a teacher says about their modes.
-
-    Attributes:
-        states: N states.
-        mask: The instant mask, shape (N, n_modes).
-        feasible: Which modes hold (22) and (23) throughout the interval, shape (N, n_modes).
-        cost_to_go: Intervals to the target with each mode, itself included, shape (N, n_modes);
-            infinite where infeasible.
-    """
-
-    states: StateBatch
-    mask: NDArray[np.bool_]
-    feasible: NDArray[np.bool_]
-    cost_to_go: NDArray[np.float32]
-
-    def __len__(self) -> int:
-        return len(self.states)
-
-    def take(self, indices: IntArray) -> Decisions:
-        """The decisions at the given positions."""
-        return Decisions(
-            self.states.take(indices),
-            self.mask[indices],
-            self.feasible[indices],
-            self.cost_to_go[indices],
-        )
 
 
 def judge(
@@ -285,35 +254,5 @@ def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.boo
 
 def _valid(states: StateBatch, params: SnakeParams) -> IntArray:
     """How many modes the phase of each state allows."""
-    return mode_table(params.n_joints).masks(states.phase).sum(axis=1)
-
-
-def join(parts: Sequence[Decisions]) -> Decisions:
-    """Decisions one after the other."""
-    return Decisions(
-        StateBatch(
-            **{
-                name: np.concatenate([getattr(part.states, name) for part in parts])
-                for name in STATE_FIELDS
-            }
-        ),
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("mask", "feasible", "cost_to_go")
-        ),
-    )
-
-
-def mirror_image(decisions: Decisions, params: SnakeParams) -> Decisions:
-    """The same decisions of the mirrored robots: the same modes, at the same cost."""
-    states = decisions.states
-    x, y, theta = (states.w - params.w_d).T
-    mirrored = dataclasses.replace(
-        states,
-        w=np.column_stack([x, -y, -theta]) + params.w_d,
-        phi=-states.phi,
-        target=-states.target,
-        ref_start=-states.ref_start,
-        last_turn=-states.last_turn,
-    )
-    return dataclasses.replace(decisions, states=mirrored)
+    allowed: IntArray = mode_table(params.n_joints).masks(states.phase).sum(axis=1)
+    return allowed

@@ -126,7 +126,8 @@ def play(shard: Play) -> Returns:
     value = value_of(shard.network, params)
     explores = np.where(rng.random(count) < _AT_ONCE, 0, rng.integers(_EXPLORED, size=count))
     explores[0] = 0  # so that every shard has returns
-    scale = np.exp(rng.uniform(*np.log(_NOISE), count))
+    low, high = np.log(_NOISE)
+    scale = np.exp(rng.uniform(low, high, count))
     states, task = _wander(
         StateBatch.initial(phi0, target, params), explores, scale, value, rng, params
     )
@@ -241,7 +242,9 @@ def fit(
     torch.manual_seed(seed)
     if network is None:
         module = build([observation_size(n_joints), *how.hidden, 1])
-        torch.nn.init.constant_(module[-1].bias, float(np.median(intervals)))
+        last = module[-1]
+        assert isinstance(last, torch.nn.Linear)
+        torch.nn.init.constant_(last.bias, float(np.median(intervals)))
     else:
         module = from_numpy(network)
     asked = (Canonical if quick else Symmetric)(module).to(how.device)
@@ -257,7 +260,7 @@ def fit(
         estimate = asked(x[rows])[:, 0]
         loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
         optimizer.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
         last_pass.append((estimate.detach() - y[rows]).abs().mean())

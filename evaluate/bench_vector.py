@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -69,14 +69,14 @@ def native(count: int) -> Driver:
     """The native vector env."""
     env = gymnasium.make_vec(_ID, num_envs=count)
     env.reset(seed=0)
-    return Driver("native vector env", count, env, env.unwrapped.action_masks)
+    return Driver("native vector env", count, env, cast(Any, env.unwrapped).action_masks)
 
 
 def sync(count: int) -> Driver:
     """Gymnasium's SyncVectorEnv."""
     env = gymnasium.make_vec(_ID, num_envs=count, vectorization_mode="sync")
     env.reset(seed=0)
-    return Driver("SyncVectorEnv", count, env, lambda: env.call("action_masks"))
+    return Driver("SyncVectorEnv", count, env, lambda: cast(Any, env).call("action_masks"))
 
 
 def subproc(count: int) -> Driver:

@@ -133,11 +133,13 @@ def read_summary(folder: Path, field: str = "DIR") -> dict[str, Any]:
 
 def _check_summary(summary: Any) -> None:
     """Raises an error of Python's or ours unless it is what a run writes."""
-    for key, kind in (("name", str), ("n", int), ("hash", str)):
+    kinds: tuple[tuple[str, type], ...] = (("name", str), ("n", int), ("hash", str))
+    for key, kind in kinds:
         if type(summary["tasks"][key]) is not kind:
             raise ValueError(f"tasks.{key} is {summary['tasks'][key]!r}")
     SnakeParams().replace(**summary["params"])
-    for key, kind in (("preset", str), ("command", str), ("policies", dict)):
+    kinds = (("preset", str), ("command", str), ("policies", dict))
+    for key, kind in kinds:
         if type(summary[key]) is not kind:
             raise ValueError(f"{key} is {summary[key]!r}")
     check_slip(summary["slip"])

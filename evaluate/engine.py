@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import logging
 import os
 import re
 import signal
@@ -166,7 +167,8 @@ class Engine:
 
         if not ray.is_initialized():
             self._start_ray(wanted)
-        return int(ray.cluster_resources()["CPU"]) if self.workers == -1 else wanted
+        cpus = ray.cluster_resources()["CPU"]  # type: ignore[no-untyped-call]
+        return int(cpus) if self.workers == -1 else wanted
 
     def _start_ray(self, cpus: int) -> None:
         """Connects to the cluster, or starts one of so many CPUs; it ends with this process."""
@@ -179,7 +181,7 @@ class Engine:
             else {"address": self.address}
         )
         handler = signal.getsignal(signal.SIGTERM)
-        ray.init(**where, log_to_driver=False, logging_level="ERROR")
+        ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
         if callable(handler) and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, handler)  # Ray has put its own there
 

@@ -88,4 +88,5 @@ def _decide_again(
 
 def _spread(count: int) -> list[int]:
     """Up to DECISIONS positions, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(count, DECISIONS)).astype(int)).tolist()
+    positions = np.linspace(0, count - 1, min(count, DECISIONS)).astype(int)
+    return sorted(set(positions.tolist()))

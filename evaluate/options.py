@@ -153,7 +153,7 @@ def parse(
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            return tyro.cli(
+            parsed: T = tyro.cli(  # type: ignore[assignment]  # tyro knows of None too
                 options,
                 prog=prog,
                 description="\n\n".join(filter(None, [inspect.getdoc(options), about])),
@@ -161,6 +161,7 @@ def parse(
                 default=default,
                 config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
             )
+            return parsed
     except SystemExit as leaving:
         if not leaving.code:
             raise

@@ -76,7 +76,7 @@ def _stacked(results: Mapping[str, Results]) -> tuple[FloatArray, FloatArray]:
 
 
 def _entry(results: Mapping[str, Results]) -> dict[str, Any]:
-    figures = {
+    figures: dict[str, dict[str, Any]] = {
         name: {
             "policy": name,
             "success_rate": float(own.solved.mean()),
@@ -85,7 +85,8 @@ def _entry(results: Mapping[str, Results]) -> dict[str, Any]:
         for name, own in results.items()
     }
     best_first = sorted(
-        figures.values(), key=lambda own: (-own["success_rate"], own["restricted_mean_time_s"])
+        figures.values(),
+        key=lambda own: (-float(own["success_rate"]), float(own["restricted_mean_time_s"])),
     )
     solved, times = _stacked(results)
     return {

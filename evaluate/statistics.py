@@ -93,11 +93,12 @@ def decisions_of(row: Row, params: SnakeParams) -> int:
     """How many decisions an episode took: its modes, and the one that found none feasible."""
     modes: str = row["modes"]
     unfeasible = row["outcome"] == "deadlock" and row["intervals"] < params.horizon
-    return len(modes.split()) + unfeasible
+    return len(modes.split()) + int(unfeasible)
 
 
 def _known(values: NDArray[Any]) -> NDArray[Any]:
-    return values[np.isfinite(values)]
+    known: NDArray[Any] = values[np.isfinite(values)]
+    return known
 
 
 def _or_none(statistic: Any, values: Sequence[float] | NDArray[Any]) -> float | None:

@@ -28,10 +28,10 @@ def result_tables(summary: dict[str, Any]) -> list[tuple[str, Table]]:
         *("roll-outs", "p50", "p95 [us]"),
     )
     if summary["params"] == dataclasses.asdict(SnakeParams()):
-        paper = (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180")
-        outcome.add_row(*paper, style="dim italic")
-        paper = (_PAPER, "0.18", "<= pi/2", "-", "-", "-", "<= 99", "-", "150000")
-        motion.add_row(*paper, style="dim italic")
+        outcomes = (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180")
+        outcome.add_row(*outcomes, style="dim italic")
+        motions = (_PAPER, "0.18", "<= pi/2", "-", "-", "-", "<= 99", "-", "150000")
+        motion.add_row(*motions, style="dim italic")
     for name, row in summary["policies"].items():
         time, latency = row["time_s"], row["decision_latency_us"]
         outcome.add_row(

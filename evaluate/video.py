@@ -123,8 +123,11 @@ def _write(name: Path, episode: Replayed, params: SnakeParams) -> Path:
         path = name.with_name(f"{name.name}.mp4")
         _save_mp4(frames, (WIDTH * len(sides), HEIGHT + _STRIP), path)
         return path
+    from PIL import Image
+
+    no_dither = Image.Dither.NONE
     palette = painter.quantized([_frame(painter, sides, count // 2)])[0]
-    _save_gif((frame.quantize(palette=palette, dither=0) for frame in frames), count, path)
+    _save_gif((frame.quantize(palette=palette, dither=no_dither) for frame in frames), count, path)
     return path
 
 

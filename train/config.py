@@ -51,7 +51,8 @@ def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
     unknown = sorted(set(given) - used)
     if unknown:
         raise UnknownNameError("option in the config", unknown[0], _names(default))
-    return parse(options, prog, words, default, about=_HELP)
+    parsed: T = parse(options, prog, words, default, about=_HELP)
+    return parsed
 
 
 def _split(args: Sequence[str]) -> tuple[list[str], list[str]]:

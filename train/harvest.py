@@ -139,10 +139,10 @@ def _harvest(
     ]
     warm_up(params)
     with progress(console, len(shards) * _PART, "tasks") as advance:
-        for found in options.engine.map(play, shards):
-            lost[found.part] = found
-            shapes = {"phi0": found.phi0.tolist(), "target": found.target.tolist()}
-            journal.append({"part": found.part, **shapes})
+        for part in options.engine.map(play, shards):
+            lost[part.part] = part
+            shapes = {"phi0": part.phi0.tolist(), "target": part.target.tolist()}
+            journal.append({"part": part.part, **shapes})
             advance("harvest", _PART)
     parts = [lost[part] for part in range(count) if len(lost[part].phi0)]
     if not parts:

@@ -146,7 +146,7 @@ def train(options: Options, console: Console) -> Path:
             kept = _kept(folder.path, number)
             made = {"command": command(), "config": config, "round": number + 1}
             write_model(kept, Model("policy", params, network, made))
-            row = {"round": number + 1}
+            row: dict[str, Any] = {"round": number + 1}
             row |= {key: round(value, 5) for key, value in figures.items()}
             row |= options.validation(kept, params)
             validated = Model("policy", params, network, {**made, "validation": row})

@@ -9,10 +9,10 @@ from typing import Any
 from markupsafe import Markup
 
 from evaluate.protocol import Row
+from evaluate.report.axes import corners, percent_ticks, titled_y_axis
 from evaluate.report.svg import (
     WIDTH,
     Scale,
-    Ticks,
     arrow,
     drawing,
     hue,
@@ -26,7 +26,6 @@ from evaluate.report.svg import (
     tag,
     whisker,
     x_axis,
-    y_axis,
 )
 
 _ROW = 30.0  # height of a policy's row
@@ -70,7 +69,7 @@ def success_chart(entries: Sequence[Entry], paper: tuple[float, float, float] | 
     scale = linear(low, 100.0, _NAME, right)
     rows = len(entries) + (paper is not None)
     bottom = 8.0 + _ROW * rows
-    parts = [*x_axis(scale, _percent_ticks(low), 4.0, bottom, "tasks solved [%]")]
+    parts = [*x_axis(scale, percent_ticks(low), 4.0, bottom, "tasks solved [%]")]
     if paper is not None:
         rate, *interval = (100.0 * share for share in paper)
         parts += _quoted(scale, rate, interval, 8.0 + 0.5 * _ROW)
@@ -122,15 +121,19 @@ def time_cost_chart(entries: Sequence[Entry]) -> Markup:
     low, high = _ratio_range(known)
     scale, axis = _rollouts_axis(known)
     y_scale = linear(low, high, 204.0, 28.0)
-    parts = [*axis, *_y_axis(y_scale, labelled(round_ticks(low, high, 4)), "mean time, ratio")]
+    parts = [
+        *axis,
+        *titled_y_axis(y_scale, labelled(round_ticks(low, high, 4)), "mean time, ratio"),
+    ]
     for entry in known:
-        mean, x = entry.ratio["mean"], scale(entry.figures["rollouts_per_decision"])
+        ratio = entry.ratio or {}
+        mean, x = ratio["mean"], scale(entry.figures["rollouts_per_decision"])
         told = f"{entry.name}: {mean:.3f}"
         if mean > high:
             parts.append(arrow(x, 30.0, entry.style, told, turn=90, label=f"{mean:.2f}"))
             continue
-        if "low" in entry.ratio:
-            ends = y_scale(entry.ratio["low"]), y_scale(min(high, entry.ratio["high"]))
+        if "low" in ratio:
+            ends = y_scale(ratio["low"]), y_scale(min(high, ratio["high"]))
             parts.append(whisker(x, ends[0], x, ends[1], entry.style))
         parts.append(marker(x, y_scale(mean), entry.style, told))
     return drawing("Mean time against model roll-outs per decision", 250.0, parts)
@@ -140,7 +143,7 @@ def _ratio_range(entries: Sequence[Entry]) -> tuple[float, float]:
     """An axis for ratios of times; policies that mostly fail may lie beyond it."""
     near = [e for e in entries if e.ratio and e.figures["success_rate"] >= _CLOSE_TO_ALL]
     shown = near if len(near) > 1 else [entry for entry in entries if entry.ratio]
-    values = [1.0, *(value for entry in shown for value in entry.ratio.values())]
+    values = [1.0, *(value for entry in shown for value in (entry.ratio or {}).values())]
     margin = 0.1 * (max(values) - min(values)) + 0.01
     return min(values) - margin, max(values) + margin
 
@@ -159,7 +162,7 @@ def profile_chart(entries: Sequence[Entry], rows: Mapping[str, Sequence[Row]]) -
              if low <= t <= high]  # fmt: skip
     parts = [
         *x_axis(x_scale, labelled(ticks), 28.0, 234.0, "time [s]"),
-        *_y_axis(y_scale, labelled((0, 25, 50, 75, 100)), "tasks solved [%]"),
+        *titled_y_axis(y_scale, labelled((0, 25, 50, 75, 100)), "tasks solved [%]"),
     ]
     for entry in reversed(entries):  # the first is drawn last, on top
         count = len(rows[entry.name])
@@ -167,8 +170,8 @@ def profile_chart(entries: Sequence[Entry], rows: Mapping[str, Sequence[Row]]) -
         for k, time in enumerate(times[entry.name]):
             solved += [(max(time, 1e-3), 100.0 * share / count) for share in (k, k + 1)]
         solved.append((high, solved[-1][1]))
-        corners = [(x_scale(t), y_scale(share)) for t, share in _corners(solved)]
-        parts.append(line(corners, "curve", entry.style))
+        points = [(x_scale(t), y_scale(share)) for t, share in corners(solved)]
+        parts.append(line(points, "curve", entry.style))
     return drawing("Share of tasks solved within a time, per policy", 274.0, parts)
 
 
@@ -228,7 +231,7 @@ def _cost(
     """Success rates with Wilson intervals at given places along an axis."""
     low = _lowest([entry for entry, _ in places], None)
     y_scale = linear(low, 100.0, 204.0, 28.0)
-    parts = [*axis, *_y_axis(y_scale, _percent_ticks(low), "tasks solved [%]")]
+    parts = [*axis, *titled_y_axis(y_scale, percent_ticks(low), "tasks solved [%]")]
     for entry, x in places:
         figures = entry.figures
         rate = 100.0 * figures["success_rate"]
@@ -259,29 +262,6 @@ def _lowest(entries: Sequence[Entry], paper: tuple[float, float, float] | None) 
         bounds.append(paper[1])
     lowest = 100.0 * min(bounds, default=0.0)
     return max(0.0, lowest - 0.15 * (100.0 - lowest))
-
-
-def _y_axis(scale: Scale, ticks: Ticks, title: str) -> list[Markup]:
-    """Grid lines, and a title above them."""
-    return [*y_axis(scale, ticks, 48.0, WIDTH - 18.0), tag("text", title, x=4.0, y=12.0)]
-
-
-def _percent_ticks(low: float) -> Ticks:
-    return labelled(round_ticks(low, 100.0, 4))
-
-
-def _corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """A staircase without the points inside its steps."""
-    kept = list(points[:1])
-    for k, point in enumerate(points[1:], start=1):
-        last = k == len(points) - 1
-        inside = not last and (
-            points[k - 1][0] == point[0] == points[k + 1][0]
-            or points[k - 1][1] == point[1] == points[k + 1][1]
-        )
-        if not inside:
-            kept.append(point)
-    return kept
 
 
 def _latency_ms(entry: Entry, which: str) -> float:

@@ -18,6 +18,14 @@ from evaluate.protocol import SKID, Row
 from evaluate.report import charts, paper_figures, svg
 from evaluate.report.charts import Entry
 from evaluate.report.episodes import that_choose
+from evaluate.report.formats import (
+    constant,
+    estimate,
+    interval,
+    milliseconds,
+    number,
+    p_value,
+)
 from evaluate.report.motion import motion_of
 from evaluate.report.replays import SIM_1, Replayed, data
 from evaluate.statistics import wilson95
@@ -26,7 +34,6 @@ from snake_env.params import SnakeParams
 _HERE = Path(__file__).parent
 _SCRIPTS = ("robot.js", "traces.js", "player.js", "page.js")
 _PAPER_SUCCESS = (496, 500)  # section V
-_DASH = "\u2013"
 
 
 def render(
@@ -67,7 +74,7 @@ def render(
         headlines=_headlines(compared, summary),
         table=[_cells(entry) for entry in entries],
         like_paper=like_paper,
-        paper_interval=_interval(wilson95(*_PAPER_SUCCESS)),
+        paper_interval=interval(wilson95(*_PAPER_SUCCESS)),
         has_skid=SKID in policies,
         legend=[(entry.name, svg.key(entry.style)) for entry in compared],
         charts=_charts(compared, rows, like_paper),
@@ -134,44 +141,28 @@ def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
             "policy": comparison["policy"],
             "only_policy": str(comparison["only_policy"]),
             "only_reference": str(comparison["only_reference"]),
-            "mcnemar": _p_value(comparison.get("mcnemar_p_holm")),
+            "mcnemar": p_value(comparison.get("mcnemar_p_holm")),
             "common": str(comparison["common"]),
-            "ratio": _estimate(comparison.get("time_ratio"), 3),
-            "difference": _estimate(comparison.get("time_difference_s"), 1),
-            "wilcoxon": _p_value(comparison.get("wilcoxon_p_holm", comparison.get("wilcoxon_p"))),
-            "restricted": _estimate(comparison.get("restricted_time_difference_s"), 1),
-            "improvement": _estimate(comparison.get("probability_of_improvement"), 2),
+            "ratio": estimate(comparison.get("time_ratio"), 3),
+            "difference": estimate(comparison.get("time_difference_s"), 1),
+            "wilcoxon": p_value(comparison.get("wilcoxon_p_holm", comparison.get("wilcoxon_p"))),
+            "restricted": estimate(comparison.get("restricted_time_difference_s"), 1),
+            "improvement": estimate(comparison.get("probability_of_improvement"), 2),
         }
         for comparison in _comparisons(summary)
     ]
-
-
-def _p_value(p: float | None) -> str:
-    if p is None:
-        return _DASH
-    return "<\u2009.001" if p < 0.001 else f"{p:.3f}"
-
-
-def _estimate(interval: Mapping[str, float] | None, digits: int) -> str:
-    """A value with its 95 % interval."""
-    if interval is None:
-        return _DASH
-    mean, low, high = (
-        f"{interval[key]:.{digits}f}".replace("-", "\u2212") for key in ("mean", "low", "high")
-    )
-    return f"{mean} ({low} to {high})"
 
 
 def _headline(entry: Entry) -> str:
     figures = entry.figures
     text = (
         f"{entry.name} solves {figures['success']} of {figures['n']} tasks "
-        f"(95 %: {_interval(figures['wilson95'])} %)"
+        f"(95 %: {interval(figures['wilson95'])} %)"
     )
     if figures["time_s"]["median"] is not None:
         text += f", half of them within {figures['time_s']['median']:.0f} s"
     cost = figures["rollouts_per_decision"]
-    return text + (f", for {_number(cost)} roll-outs a decision." if cost is not None else ".")
+    return text + (f", for {number(cost)} roll-outs a decision." if cost is not None else ".")
 
 
 def _cells(entry: Entry) -> dict[str, Any]:
@@ -183,34 +174,16 @@ def _cells(entry: Entry) -> dict[str, Any]:
         "name": entry.name,
         "success": f"{figures['success']}/{figures['n']}",
         "rate": f"{100 * figures['success_rate']:.1f}",
-        "interval": _interval(figures["wilson95"]),
-        "times": [_number(time[key], 0) for key in ("min", "median")]
-        + [_number(time["mean"], 1), _number(time["max"], 0)],
-        "ratio": _number(ratio, 3),
-        "d_min": _number(figures["d_min"], 3),
-        "max_abs_phi": _number(figures["max_abs_phi"], 3),
-        "head": _number(figures["head_error_m"], 2),
-        "rollouts": _number(figures["rollouts_per_decision"], 1),
-        "latency": [_milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
+        "interval": interval(figures["wilson95"]),
+        "times": [number(time[key], 0) for key in ("min", "median")]
+        + [number(time["mean"], 1), number(time["max"], 0)],
+        "ratio": number(ratio, 3),
+        "d_min": number(figures["d_min"], 3),
+        "max_abs_phi": number(figures["max_abs_phi"], 3),
+        "head": number(figures["head_error_m"], 2),
+        "rollouts": number(figures["rollouts_per_decision"], 1),
+        "latency": [milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
     }
-
-
-def _number(value: float | None, digits: int = 1) -> str:
-    if value is None:
-        return _DASH
-    return "0" if value == 0 else f"{value:.{digits}f}"
-
-
-def _milliseconds(value_us: float | None) -> str:
-    if value_us is None:
-        return _DASH
-    value = value_us / 1e3
-    return f"{value:.{2 if value < 10 else 1 if value < 100 else 0}f}"
-
-
-def _interval(bounds: Sequence[float]) -> str:
-    low, high = bounds
-    return f"{100 * low:.1f}{_DASH}{100 * high:.1f}"
 
 
 def _charts(
@@ -292,12 +265,6 @@ def _constants(params: SnakeParams) -> list[tuple[str, str, bool]]:
     """Every constant: its name, its value, and whether it differs from the paper's."""
     usual = dataclasses.asdict(SnakeParams())
     return [
-        (name, _constant(value), value != usual[name])
+        (name, constant(value), value != usual[name])
         for name, value in dataclasses.asdict(params).items()
     ]
-
-
-def _constant(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        return ", ".join(_constant(part) for part in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

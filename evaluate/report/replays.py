@@ -97,7 +97,7 @@ def data(
 ) -> dict[str, Any]:
     """What ``player.js`` gets: robot, policies, and as many episodes as :data:`BUDGET` allows."""
     room = BUDGET
-    kept = []
+    kept: list[dict[str, Any]] = []
     for episode in episodes:
         entry = _episode(policies, episode, params)
         room -= len(json.dumps(entry))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from agents.imitate import Fit, fit, lessons
+from agents.labels import Decisions
 from agents.mlp import PREFERENCE
-from agents.teacher import Decisions, judge
+from agents.teacher import judge
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import read_model
 from snake_env.networks.network import Network

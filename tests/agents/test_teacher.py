@@ -6,18 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from agents.labels import STATE_FIELDS, Decisions, mirror_image
+from agents.labels import join as joined
 from agents.teacher import (
     FAILURE,
     FEW,
     NEAR_LIMIT,
-    STATE_FIELDS,
-    Decisions,
     Visit,
     collect,
     judge,
-    mirror_image,
 )
-from agents.teacher import join as joined
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, mirror, telling
