@@ -26,7 +26,7 @@ from evaluate.store import LAYOUT, Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish
-from snake_env import interrupts
+from snake_env import VERSION, interrupts
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
@@ -42,6 +42,9 @@ def main() -> int:
 
 
 def _command() -> int:
+    if sys.argv[1:] == ["--version"]:
+        print(VERSION)
+        return 0
     if sys.argv[1:2] == ["compare"]:
         return compare_folders(
             parse(CompareOptions, "python -m evaluate compare", sys.argv[2:]), make_console()

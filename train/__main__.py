@@ -9,7 +9,7 @@ from typing import Any
 from evaluate.command import complain, exit_code
 from evaluate.command import console as make_console
 from evaluate.engine import WorkerLostError
-from snake_env import interrupts
+from snake_env import VERSION, interrupts
 from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
 from train.run import Run, begin
@@ -37,6 +37,9 @@ def _command(words: list[str]) -> int:
         if not words or words[0] in ("-h", "--help"):
             print(_help())
             return 0 if words else 2
+        if words == ["--version"]:
+            print(VERSION)
+            return 0
         if words[0] not in COMMANDS:
             raise UnknownNameError("command", words[0], COMMANDS)
         begin(words)
