@@ -46,7 +46,7 @@ def test_tuple__with_a_huge_number_is_refused(field: str) -> None:
             SnakeParams(**{field: bad})
 
 
-@pytest.mark.parametrize("term", ["time", "phase", "success", "violation", "cost", "shaping"])
+@pytest.mark.parametrize("term", ["time", "success", "failure", "violation", "cost", "shaping"])
 def test_reward_weight__of_1e308_is_refused(term: str) -> None:
     for value in (1e308, -1e308, 1e7):
         with pytest.raises(InvalidInputError, match=rf"^reward_weights\['{term}'\] = "):
