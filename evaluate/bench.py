@@ -16,9 +16,9 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from evaluate.bench_kernel import composition, processor
-from evaluate.command import console as make_console
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
+from harness.command import console as make_console
 from snake_env.kernel.blocks import clock_of, constants_of
 from snake_env.kernel.compiler import CACHE_VARIABLE
 from snake_env.kernel.interval import (

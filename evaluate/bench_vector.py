@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 from rich.table import Table
 
-from evaluate.command import console as make_console
+from harness.command import console as make_console
 from snake_env import set_num_threads
 
 _ID = "snake_env:SnakeModeSelection-v0"
@@ -126,7 +126,7 @@ def _peak_mib() -> float:
 
 def plot(path: Path) -> None:
     """Draws steps/s against the number of envs."""
-    from evaluate.figures import Figure
+    from harness.figures import Figure
 
     figure = Figure(figsize=(7, 4), layout="constrained")
     ax = figure.subplots()

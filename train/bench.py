@@ -17,7 +17,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
 
 from agents import ppo
-from evaluate.options import parse
+from harness.options import parse
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
