@@ -1,4 +1,4 @@
-"""Tasks that a policy loses to a choice that a look would have ruled out: what it has still to learn.
+"""Tasks that a policy loses to a choice that a one-step check rejects.
 
 A good policy makes such a choice in one random task of some hundred, so random tasks hardly teach it
 more. Those tasks, and what lies around them, do: prioritized level replay (Jiang, Grefenstette and

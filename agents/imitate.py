@@ -138,7 +138,7 @@ def fit(
     """Fits a network to lessons, so that the mean of what it says of state and mirror image is right.
 
     Args:
-        network: Where to begin; None: anew.
+        network: The initial network; None: random weights.
         parts: The lessons.
         how: The method's options.
         n_joints: Joints of the robot.

@@ -227,7 +227,7 @@ def fit(
     """Fits a network to returns, so that the mean of what it says of state and mirror image is right.
 
     Args:
-        network: Where to begin; None: anew.
+        network: The initial network; None: random weights.
         observations: Shape (N, observation_size).
         intervals: Shape (N,).
         how: The method's options.

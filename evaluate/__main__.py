@@ -27,7 +27,7 @@ from harness.engine import WorkerLostError
 from harness.folder import held
 from harness.options import parse
 from harness.progress import progress
-from snake_env import interrupts
+from snake_env import VERSION, interrupts
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
@@ -43,6 +43,9 @@ def main() -> int:
 
 
 def _command() -> int:
+    if sys.argv[1:] == ["--version"]:
+        print(VERSION)
+        return 0
     if sys.argv[1:2] == ["compare"]:
         return compare_folders(
             parse(CompareOptions, "python -m evaluate compare", sys.argv[2:]), make_console()

@@ -20,7 +20,7 @@ class Journal:
     Args:
         path: The file.
         config: What decides the results; work that is resumed must have the same.
-        resume: Whether to go on with the work in the file; otherwise it begins anew.
+        resume: Whether to go on with the work in the file; otherwise it is replaced.
         take: Gets each finished piece that the file held; raises what Python does about bad values
             where it can't use one.
 
@@ -53,7 +53,7 @@ class Journal:
         self._path.unlink(missing_ok=True)
 
     def _restore(self, header: str, take: Callable[[Any], None]) -> None:
-        """Reads the pieces, and writes the file anew without the line that a kill tore off."""
+        """Reads the pieces, and writes the file again without the line that a kill tore off."""
         with (
             self._path.open(encoding="utf-8", errors="replace") as lines,
             atomic_writer(self._path) as whole,

@@ -41,6 +41,8 @@ from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.state import SnakeState, StateBatch
 
 __version__ = "0.1.0"
+VERSION = f"snake-mode-env {__version__}"
+"""What ``--version`` prints."""
 
 __all__ = [
     "AnalyticOptimizer",

@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
-from snake_env import __version__, interrupts
+from snake_env import VERSION, interrupts
 from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.kernel.compiler import cache_folder
@@ -74,6 +74,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m snake_env", description=__doc__)
+    parser.add_argument("--version", action="version", version=VERSION)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     check = commands.add_parser("check", help="test this installation in a few seconds")
     check.set_defaults(command=_check)
@@ -100,9 +101,7 @@ def _begin(options: argparse.Namespace) -> tuple[SnakeState, SnakeParams]:
 
 
 def _check(options: argparse.Namespace) -> int:
-    print(
-        f"snake-mode-env {__version__}, Python {platform.python_version()}, numpy {np.__version__}"
-    )
+    print(f"{VERSION}, Python {platform.python_version()}, numpy {np.__version__}")
     params = SnakeParams()
     state = load_tasks("sim-1", params).initial(0, params)
     optimizer = AnalyticOptimizer(params)

@@ -1,11 +1,14 @@
 """``python -m snake_env``."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from snake_env.__main__ import main
+from tests.support import ROOT
 
 
 def test_check__finds_this_installation_well(capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,3 +73,11 @@ def test_bad_input__is_one_line(
     assert error.startswith("error: ")
     assert error.count("\n") == 1
     assert hint in error
+
+
+@pytest.mark.parametrize("command", ["snake_env", "evaluate", "train"])
+def test_version__is_told_by_every_command(command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", command, "--version"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "snake-mode-env 0.1.0\n", "")

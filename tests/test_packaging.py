@@ -13,6 +13,7 @@ import pytest
 
 from tests.support import ROOT
 
+LOCKS = sorted(path.name for path in (ROOT / "requirements").glob("*.txt"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 HEAVY = {
     "torch",
@@ -146,9 +147,10 @@ def test_demo__needs_no_torch(copy: Path) -> None:
     )
     installs = [line for line in done.stdout.splitlines() if "pip install" in line]
     assert installs
-    assert "torch" not in " ".join(installs).replace("-c requirements/lock.txt", "")
-    extras = {name for line in installs for name in re.findall(r"\.\[([\w,]+)\]", line)}
-    assert extras == {"evaluate"}
+    assert {name for line in installs for name in re.findall(r"requirements/\S+", line)} == {
+        "requirements/evaluate.txt"
+    }
+    assert not _pinned("evaluate.txt") & {"torch", "stable-baselines3", "ray"}
     assert not _requirements("evaluate") & {"torch", "stable-baselines3"}
     assert "torch" in _requirements("dev")
     assert "-m evaluate analytic" in done.stdout
@@ -159,10 +161,26 @@ def _clean() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
 
 
-def test_lock__pins_every_requirement() -> None:
-    lock = (ROOT / "requirements" / "lock.txt").read_text(encoding="utf-8")
-    pinned = {name.lower() for name in re.findall(r"^([\w.-]+)==", lock, re.MULTILINE)}
+def _pinned(lock: str) -> set[str]:
+    """The packages of a lock, canonical names."""
+    text = (ROOT / "requirements" / lock).read_text(encoding="utf-8")
+    return {re.sub(r"[_.]+", "-", name).lower() for name in re.findall(r"^([\w.-]+)==", text, re.M)}
+
+
+def test_locks__pin_every_requirement() -> None:
     core = {re.match(r"[\w-]+", line)[0].lower() for line in PROJECT["dependencies"]}
     wanted = core | set().union(*map(_requirements, PROJECT["optional-dependencies"]))
-    canonical = {re.sub(r"[_.]+", "-", name) for name in pinned}
-    assert {re.sub(r"[_.]+", "-", name) for name in wanted} <= canonical
+    assert wanted <= _pinned("dev.txt") | _pinned("torch.txt")
+    assert core | _requirements("evaluate") <= _pinned("evaluate.txt")
+    assert _pinned("torch.txt") == {"torch"}
+    torch = (ROOT / "requirements" / "torch.txt").read_text(encoding="utf-8")
+    assert "torch==2.13.0 " in torch
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_lock__has_a_hash_for_every_package(lock: str) -> None:
+    text = (ROOT / "requirements" / lock).read_text(encoding="utf-8")
+    entries = re.split(r"^(?=[\w.-]+==)", text, flags=re.MULTILINE)[1:]
+    assert entries
+    for entry in entries:
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}\b", entry), entry.splitlines()[0]

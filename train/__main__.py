@@ -10,7 +10,7 @@ from harness.command import complain, exit_code
 from harness.command import console as make_console
 from harness.engine import WorkerLostError
 from harness.provenance import begin
-from snake_env import interrupts
+from snake_env import VERSION, interrupts
 from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
 from train.run import Run
@@ -38,6 +38,9 @@ def _command(words: list[str]) -> int:
         if not words or words[0] in ("-h", "--help"):
             print(_help())
             return 0 if words else 2
+        if words == ["--version"]:
+            print(VERSION)
+            return 0
         if words[0] not in COMMANDS:
             raise UnknownNameError("command", words[0], COMMANDS)
         begin("python -m train", words)

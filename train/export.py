@@ -35,7 +35,7 @@ _CARD = """# {name}
 | source | revision {git} |
 | validation | {validation} |
 
-{limits} Results on the test tasks stand in `docs/results.md`.
+{limits} Results on the test tasks are in `docs/results.md`.
 """
 _WHAT = {
     "policy": "Prefers modes: the policy takes the one it prefers among those that are stable at t_k, "

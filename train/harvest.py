@@ -37,7 +37,7 @@ LAYOUT = Layout(begun="lost.partial.jsonl", done="harvest.json", own=("tasks.npz
 
 @dataclass(frozen=True)
 class Options:
-    """Play random tasks; keep those that a policy loses to choices that a look would have ruled out.
+    """Play random tasks; keep those that a policy loses to choices that a one-step check rejects.
 
     These, others close to them and random ones are a suite for train ppo and dqn --tasks.
     """

@@ -51,7 +51,8 @@ class Loop:
     reward: Assignments = ()
     """Replaces a weight of the reward, for example --reward time=-0.05; may be repeated."""
     tasks: str | None = None
-    """Suite of tasks to learn from, as in python -m evaluate --tasks; default: ever new random ones."""
+    """Suite of tasks to learn from, as in python -m evaluate --tasks; default: random tasks without
+    end."""
     segment: int = 131_072
     """Decisions between two checkpoints."""
     validate_every: int = 4

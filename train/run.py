@@ -75,7 +75,7 @@ LAYOUT = Layout(
 class RunFolder:
     """A run on disk: ``run.json`` says what was asked for, ``log.csv`` how it went.
 
-    As a context it keeps other processes out, and has what is to be resumed or begins anew.
+    As a context it keeps other processes out, and holds what is to be resumed, or a new run.
 
     Args:
         run: Where it is kept.

@@ -275,7 +275,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             self._viewer = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the viewer, which a copy makes anew."""
+        """All but the viewer, which a copy makes again."""
         return {**self.__dict__, "_viewer": None}
 
     def _view(self) -> Viewer:

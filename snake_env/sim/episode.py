@@ -73,7 +73,7 @@ class Episodes:
         self.restart(np.arange(count), states)
 
     def restart(self, indices: IntArray, states: StateBatch) -> None:
-        """Begins the episodes at the given positions anew, in the given states."""
+        """Begins new episodes at the given positions, in the given states."""
         self._states = self._states.put(indices, states)
         self.outcome[indices] = np.where(states.phase > self.params.n_joints, "success", "")
         self._intervals[indices] = 0
