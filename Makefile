@@ -72,9 +72,9 @@ check: .venv/.dev ## format, lint, types
 	@$(RUN) -m mypy
 
 bench: .venv/.dev ## measure speed
-	@$(RUN) -m evaluate.bench
-	@$(RUN) -m evaluate.bench_vector
-	@$(RUN) -m train.bench
+	@$(RUN) -m benchmarks.kernel
+	@$(RUN) -m benchmarks.vector
+	@$(RUN) -m benchmarks.training
 
 docs: .venv/.dev ## the documentation, in build/site/
 	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet

@@ -12,20 +12,21 @@ from typing import Any
 
 from rich.console import Console
 
-from evaluate.command import complain, exit_code
-from evaluate.command import console as make_console
 from evaluate.compare import CompareOptions, compare_folders, read_episodes, read_summary
 from evaluate.drawings import draw
-from evaluate.engine import WorkerLostError
-from evaluate.folder import held
 from evaluate.latency import measure_latencies
-from evaluate.options import Options, parse
-from evaluate.progress import progress
+from evaluate.options import Options
 from evaluate.protocol import Shard, check_policy, run_shard
 from evaluate.store import LAYOUT, Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish
+from harness.command import complain, exit_code
+from harness.command import console as make_console
+from harness.engine import WorkerLostError
+from harness.folder import held
+from harness.options import parse
+from harness.progress import progress
 from snake_env import VERSION, interrupts
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams

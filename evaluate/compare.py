@@ -17,14 +17,14 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from evaluate.files import FileError, read_json
-from evaluate.folder import held
 from evaluate.protocol import Row
 from evaluate.rows import Rows, pack, parsed
 from evaluate.statistics import summarise
 from evaluate.store import LAYOUT, write_results
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
+from harness.files import FileError, read_json
+from harness.folder import held
 from snake_env.envs.slip import check_slip
 from snake_env.errors import InvalidInputError, SnakeEnvError, as_finite
 from snake_env.params import SnakeParams

@@ -7,12 +7,11 @@ from typing import Any
 
 from rich.console import Console
 
-from evaluate.command import complain
-from evaluate.files import file_name
 from evaluate.options import Options
-from evaluate.outside import in_one_line
 from evaluate.protocol import Row
 from evaluate.video import write_videos
+from harness.command import complain, in_one_line
+from harness.files import file_name
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite
 

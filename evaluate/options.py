@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
-import inspect
-import io
-import json
-import re
 import shlex
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated
 
 import tyro
 
 from evaluate.deadline import check_limit
-from evaluate.engine import Engine
 from evaluate.outside import is_outside
+from harness.engine import Engine
+from harness.options import Assignments, parse_overrides
 from snake_env.envs.slip import NO_SLIP, check_slip
-from snake_env.errors import InvalidInputError, SnakeEnvError, escaped
+from snake_env.errors import InvalidInputError, escaped
 from snake_env.params import SnakeParams
-
-Assignments = tyro.conf.UseAppendAction[
-    Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]
-]
 
 Factories = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="MODULE:FACTORY")]
@@ -126,71 +117,3 @@ class Options:
         params = SnakeParams.preset(self.preset, **parse_overrides(self.set))
         self.engine.check()
         return params
-
-
-T = TypeVar("T")
-
-
-def parse(
-    options: type[T],
-    prog: str,
-    args: Sequence[str] | None = None,
-    default: T | None = None,
-    about: str = "",
-) -> T:
-    """Options from the command line; help goes to the terminal as tyro makes it.
-
-    Args:
-        options: A dataclass; the docstrings under its fields are their help.
-        prog: The command's name.
-        args: The command line; default: the process's own.
-        default: Values of the options that are not given; default: the dataclass's own.
-        about: What the help says beside the dataclass's docstring.
-
-    Raises:
-        OptionError: An option does not exist or its value has the wrong type.
-    """
-    complaint = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(complaint):
-            parsed: T = tyro.cli(  # type: ignore[assignment]  # tyro knows of None too
-                options,
-                prog=prog,
-                description="\n\n".join(filter(None, [inspect.getdoc(options), about])),
-                args=args,
-                default=default,
-                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
-            )
-            return parsed
-    except SystemExit as leaving:
-        if not leaving.code:
-            raise
-        plain = re.sub(r"\x1b\[[0-9;]*m", "", complaint.getvalue())
-        lines = [line.strip("\u2502 ").strip() for line in plain.splitlines()]
-        told = [line for line in lines if line and line[0] not in "\u256d\u2570\u2500"]
-        words = [line for line in told if not line.startswith("For full helptext")]
-        raise OptionError(" ".join(words) + f" (see {prog} --help)") from None
-
-
-class OptionError(SnakeEnvError):
-    """An option that does not exist, or whose value has the wrong type."""
-
-
-def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
-    """Constants from ``NAME=VALUE`` texts.
-
-    Raises:
-        InvalidInputError: A text has another form.
-    """
-    pairs = {}
-    for assignment in assignments:
-        name, equals, text = assignment.partition("=")
-        try:
-            pairs[name] = json.loads(text.lower())
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise InvalidInputError(
-                "set", assignment, "NAME=VALUE; a value is a number, a [list], true or false"
-            )
-    return pairs

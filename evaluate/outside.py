@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from snake_env.errors import InvalidInputError, as_integer, printable
+from harness.command import in_one_line
+from snake_env.errors import InvalidInputError, as_integer
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.registry import POLICIES, SHIELD, load_policy
@@ -56,14 +57,6 @@ def staying() -> Iterator[None]:
     finally:
         if here is not None:
             os.chdir(here)
-
-
-def in_one_line(problem: BaseException) -> str:
-    """An exception's type and message."""
-    try:
-        return printable(f"{type(problem).__name__}: {problem}")
-    except Exception:  # its text is its author's
-        return type(problem).__name__
 
 
 def _import(name: str, module: str) -> Any:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from evaluate.figures import Figure, matplotlib, save, style
-from evaluate.files import file_name
 from evaluate.protocol import Row, Shard, chooses_modes, run_shard
 from evaluate.replay import Replay, replay, slip_of
+from harness.figures import Figure, matplotlib, save, style
+from harness.files import file_name
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import (

@@ -15,10 +15,10 @@ import joblib
 import numpy as np
 import tyro
 
-from evaluate.command import exit_code
-from evaluate.options import Assignments, parse, parse_overrides
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
+from harness.command import exit_code
+from harness.options import Assignments, parse, parse_overrides
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import load_policy
 from snake_env.sim.tasks import load_tasks

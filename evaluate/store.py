@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluate.files import atomic_writer, write_atomically
-from evaluate.folder import Layout
-from evaluate.journal import Journal
 from evaluate.protocol import COLUMNS, Row
 from evaluate.rows import Rows, pack
+from harness.files import atomic_writer, write_atomically
+from harness.folder import Layout
+from harness.journal import Journal
 
 PARTIAL = "episodes.partial.jsonl"
 LAYOUT = Layout(

@@ -27,7 +27,15 @@ NEVER_AT_MODULE_LEVEL = {
     "scipy",
 }
 ADAPTERS = {"sb3": {"stable_baselines3", "torch"}}  # imported by no other module
-NEVER = {"evaluate", "train", "agents", "tests"}
+# What runs from the checkout, and what each of these packages may import beside itself and snake_env.
+CHECKOUT = {
+    "harness": set(),
+    "agents": {"harness"},
+    "evaluate": {"harness"},
+    "train": {"harness", "agents", "evaluate.protocol", "evaluate.statistics"},
+    "benchmarks": {"harness", "agents", "evaluate"},
+}
+NEVER = {*CHECKOUT, "tests"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -91,7 +99,7 @@ def test_room__has_no_circle_of_imports_inside(room: str) -> None:
 def test_package__has_few_rooms_and_short_files() -> None:
     rooms = {path.name for path in PACKAGE.iterdir()} - {"__pycache__", "py.typed"}
     assert len(rooms) <= MOST_ROOMS
-    for top in ("snake_env", "agents", "train", "evaluate"):
+    for top in ("snake_env", *CHECKOUT):
         for path in (ROOT / top).rglob("*.py"):
             assert len(path.read_text().splitlines()) <= MOST_LINES, path
 
@@ -99,7 +107,7 @@ def test_package__has_few_rooms_and_short_files() -> None:
 def test_tests__have_the_same_rooms_and_import_no_other_test() -> None:
     names = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
-    assert names - {"__pycache__"} == rooms | {"support", "agents", "train", "evaluate"}
+    assert names - {"__pycache__"} == rooms | {"support", *CHECKOUT}
     for path in (ROOT / "tests").rglob("test_*.py"):
         assert not {name for name in _imports(path) if ".test_" in name or ".conftest" in name}
 
@@ -107,6 +115,21 @@ def test_tests__have_the_same_rooms_and_import_no_other_test() -> None:
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_module__never_imports_what_runs_from_the_checkout(path: Path) -> None:
     assert not {name.split(".")[0] for name in _imports(path)} & NEVER
+
+
+@pytest.mark.parametrize("top", CHECKOUT)
+def test_checkout__imports_only_what_it_may(top: str) -> None:
+    allowed = CHECKOUT[top] | {top}
+    tops = {*CHECKOUT, "tests"}
+    for path in (ROOT / top).rglob("*.py"):
+        others = {name for name in _imports(path) if name.split(".")[0] in tops}
+        wrong = {n for n in others if not any(f"{n}.".startswith(f"{own}.") for own in allowed)}
+        assert not wrong, path
+
+
+def test_checkout__has_no_circle_of_packages() -> None:
+    order = {top: {name.split(".")[0] for name in names} for top, names in CHECKOUT.items()}
+    assert list(TopologicalSorter(order).static_order())  # a circle raises CycleError
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))

@@ -6,13 +6,14 @@ import importlib
 import sys
 from typing import Any
 
-from evaluate.command import complain, exit_code
-from evaluate.command import console as make_console
-from evaluate.engine import WorkerLostError
+from harness.command import complain, exit_code
+from harness.command import console as make_console
+from harness.engine import WorkerLostError
+from harness.provenance import begin
 from snake_env import VERSION, interrupts
 from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
-from train.run import Run, begin
+from train.run import Run
 
 COMMANDS = {
     "solve": "the shortest plans that a wide search finds for a suite of tasks",
@@ -42,7 +43,7 @@ def _command(words: list[str]) -> int:
             return 0
         if words[0] not in COMMANDS:
             raise UnknownNameError("command", words[0], COMMANDS)
-        begin(words)
+        begin("python -m train", words)
         module: Any = importlib.import_module(f"train.{words[0]}")
         options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
         console = make_console()

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from evaluate.files import FileError, read_bytes, write_atomically
+from harness.files import FileError, read_bytes, write_atomically
 from snake_env.errors import InvalidInputError, as_integer
 
 _MAGIC = b"snake-mode-env checkpoint 1\n"

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import tyro
 import yaml
 
-from evaluate.files import FileError, read_text
-from evaluate.options import parse
+from harness.files import FileError, read_text
+from harness.options import parse
 from snake_env.errors import InvalidInputError, UnknownNameError
 
 T = TypeVar("T")

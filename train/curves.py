@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from evaluate.figures import Figure, save, style
+from harness.figures import Figure, save, style
 from train.records import read_log
 
 _PANELS = (

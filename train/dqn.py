@@ -8,9 +8,10 @@ from pathlib import Path
 from rich.console import Console
 
 from agents import dqn
-from evaluate.engine import Engine
+from harness.engine import Engine
+from harness.robot import Robot
 from train import rl
-from train.run import Robot, Run
+from train.run import Run
 from train.validation import Validation
 
 

@@ -12,9 +12,9 @@ import tyro
 from rich.console import Console
 
 import snake_env
-from evaluate.files import write_atomically
-from evaluate.folder import writable_folder
-from evaluate.outside import in_one_line
+from harness.command import in_one_line
+from harness.files import write_atomically
+from harness.folder import writable_folder
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
 from train.records import read_about

@@ -14,17 +14,18 @@ from rich.console import Console
 
 from agents.checks import check_positive, check_share
 from agents.harvest import Lost, Trial, around, play
-from evaluate.engine import Engine
-from evaluate.files import write_atomically
-from evaluate.folder import Found, Layout, held
-from evaluate.journal import Journal, check_finished
-from evaluate.progress import progress
+from harness.engine import Engine
+from harness.files import write_atomically
+from harness.folder import Found, Layout, held
+from harness.journal import Journal, check_finished
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import random_tasks
-from train.run import Robot, command
 
 _PART = 512  # tasks that a worker plays side by side
 _OTHERS = (0, 3)  # spawn key of the random numbers that no shard has

@@ -15,16 +15,18 @@ from rich.console import Console
 from agents.checks import check_positive, check_share
 from agents.imitate import Fit, Lessons, fit, lessons, lessons_of, read_lessons
 from agents.teacher import Visit, collect
-from evaluate.engine import Engine
-from evaluate.progress import progress
+from harness.engine import Engine
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, read_network, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.policies.value import GUIDES, pretrained
+from snake_env.policies.value import GUIDES, pretrained, value_digest
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.observation import observation_size
-from train.run import Robot, Run, RunFolder, command, value_digest
+from train.run import Run, RunFolder
 from train.validation import Validation, quality
 
 _PART = 2048  # decisions that a worker collects at a time

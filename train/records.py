@@ -8,7 +8,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from evaluate.files import FileError, read_json, read_text
+from harness.files import FileError, read_json, read_text
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.params import SnakeParams
 

@@ -23,8 +23,10 @@ from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_device, check_positive
 from agents.mlp import DivergedError
-from evaluate.options import Assignments, parse_overrides
-from evaluate.progress import progress
+from harness.options import Assignments, parse_overrides
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.networks.model_file import Model, read_network, write_model
@@ -32,7 +34,7 @@ from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
-from train.run import Robot, Run, RunFolder, command
+from train.run import Run, RunFolder
 from train.validation import Validation, quality
 from train.watch import Watch, stopping
 

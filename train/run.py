@@ -8,10 +8,9 @@ import io
 import json
 import os
 import platform
-import shlex
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -19,40 +18,14 @@ from typing import Annotated, Any
 
 import tyro
 
-from evaluate.files import file_name, write_atomically
-from evaluate.folder import Layout, held
-from evaluate.options import Assignments, parse_overrides
+from harness.files import write_atomically
+from harness.folder import Layout, held
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.errors import InvalidInputError
-from snake_env.params import SnakeParams
-from snake_env.policies.value import GUIDES, pretrained
 from train.records import ABOUT, SCHEMA, read_about, read_log
 
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")
-
-
-@dataclass(frozen=True)
-class Robot:
-    """The robot's constants."""
-
-    preset: str = "paper"
-    """Constants of the robot: paper, hardware or narrow."""
-    set: Assignments = ()
-    """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
-    transfer: bool = False
-    """Accept models that were trained with other constants."""
-
-    def params(self) -> SnakeParams:
-        """The constants.
-
-        Raises:
-            SnakeEnvError: A name does not exist or a value can't be used.
-        """
-        return SnakeParams.preset(self.preset, **parse_overrides(self.set))
-
-    @property
-    def name(self) -> str:
-        """The preset and what is changed in it, as part of a folder's name."""
-        return file_name("-".join([self.preset, *self.set]))
 
 
 @dataclass(frozen=True)
@@ -185,41 +158,6 @@ class RunFolder:
                 writer.writeheader()
             writer.writerow(row)
         write_atomically(self._log, text.getvalue())
-
-
-def value_digest(params: SnakeParams, transfer: bool = False) -> str | None:
-    """SHA-256 of the shipped value network that results depend on; None where there is none.
-
-    Raises:
-        InvalidInputError: It was trained with other constants, and these are not accepted.
-    """
-    model = pretrained(params, *GUIDES, transfer=transfer)
-    return None if model is None else model.sha256
-
-
-_words: list[str] = []
-
-
-def begin(words: Sequence[str]) -> None:
-    """Takes note of the command line, for the records."""
-    _words[:] = words
-
-
-def command() -> str:
-    """The command line, but for where its results go."""
-    return "python -m train " + shlex.join(words_without(_words, "--out"))
-
-
-def words_without(words: Sequence[str], *options: str) -> list[str]:
-    """A command line without some options and their values."""
-    kept: list[str] = []
-    skip = False
-    for word in words:
-        if skip or word.partition("=")[0] in options:
-            skip = not skip and "=" not in word
-        else:
-            kept.append(word)
-    return kept
 
 
 def _version(name: str) -> str | None:

@@ -15,14 +15,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from evaluate.command import PlainConsole
-from evaluate.engine import Engine
-from evaluate.files import write_atomically
-from evaluate.folder import writable_folder
-from evaluate.progress import progress
+from harness.command import PlainConsole
+from harness.engine import Engine
+from harness.files import write_atomically
+from harness.folder import writable_folder
+from harness.progress import progress
+from harness.provenance import begin, words_without
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model
-from train.run import begin, words_without
 from train.validation import quality
 
 _FIGURES = {
@@ -81,7 +81,7 @@ def _folder(command: str, options: Any, suffix: str) -> Path:
 
 def _train(seed: _Seed) -> Path:
     """Trains one of the runs, in silence; its folder. A run that is done is left alone."""
-    begin(seed.words)
+    begin("python -m train", seed.words)
     module: Any = importlib.import_module(f"train.{seed.command}")
     module.train(seed.options, PlainConsole(file=io.StringIO()))
     folder: Path = seed.options.run.out

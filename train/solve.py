@@ -16,16 +16,18 @@ import tyro
 from rich.console import Console
 
 from agents.best_known import COLUMNS, Problem, Row, solve
-from evaluate.engine import Engine
-from evaluate.files import file_name, write_atomically
-from evaluate.folder import Found, Layout, held
-from evaluate.journal import Journal, check_finished
-from evaluate.progress import progress
+from harness.engine import Engine
+from harness.files import file_name, write_atomically
+from harness.folder import Found, Layout, held
+from harness.journal import Journal, check_finished
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
+from snake_env.policies.value import value_digest
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import TaskSuite, load_tasks
-from train.run import Robot, command, value_digest
 
 LAYOUT = Layout(begun="plans.partial.jsonl", done="search.json", own=("plans.csv",))
 """What the folder of a search holds."""

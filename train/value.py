@@ -12,15 +12,17 @@ from rich.console import Console
 
 from agents.checks import check_positive, check_share
 from agents.value import Fit, Play, Returns, fit, play
-from evaluate.engine import Engine
-from evaluate.progress import progress
+from harness.engine import Engine
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Kind, Model, read_model, read_network, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
-from train.run import Robot, Run, RunFolder, command
+from train.run import Run, RunFolder
 
 _LARGEST = 8 * 2**30  # bytes of an array of returns
 _PART = 256  # episodes that a worker plays side by side

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from evaluate.progress import Advance
+from harness.progress import Advance
 
 
 class Watch(BaseCallback):

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluate.files import write_atomically
 from evaluate.protocol import Row
 from evaluate.report.page import render
 from evaluate.report.replays import collect, sim_1
+from harness.files import write_atomically
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite
 

@@ -133,3 +133,13 @@ def load_value(
     """
     model = pretrained(params, *names, transfer=transfer)
     return PhaseValue(params) if model is None else NetworkValue(model, params, transfer)
+
+
+def value_digest(params: SnakeParams, transfer: bool = False) -> str | None:
+    """SHA-256 of the shipped value network that results depend on; None where there is none.
+
+    Raises:
+        InvalidInputError: It was trained with other constants, and these are not accepted.
+    """
+    model = pretrained(params, *GUIDES, transfer=transfer)
+    return None if model is None else model.sha256

@@ -25,12 +25,12 @@ import pytest
 from PIL import Image
 
 from evaluate import __main__ as command
-from evaluate.command import PlainConsole, console
-from evaluate.engine import Engine, WorkerLostError
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
 from evaluate.table import result_tables
 from evaluate.terminal import print_comparisons
+from harness.command import PlainConsole, console
+from harness.engine import Engine, WorkerLostError
 from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
 from snake_env.sim.episode import OUTCOMES
 from snake_env.sim.tasks import random_suite

@@ -10,9 +10,9 @@ import pytest
 
 from evaluate import __main__ as command
 from evaluate.deadline import DecisionTimeoutError, within
-from evaluate.engine import Engine
 from evaluate.outside import is_outside, make_policy
 from evaluate.protocol import Shard, run_episode, run_shard
+from harness.engine import Engine
 from snake_env.errors import InvalidInputError
 from snake_env.policies.registry import FirstFeasiblePolicy
 from snake_env.sim.tasks import random_suite

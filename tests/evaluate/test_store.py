@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from evaluate.files import write_atomically
-from evaluate.folder import held
 from evaluate.protocol import COLUMNS, Row
 from evaluate.store import LAYOUT, Store
+from harness.files import write_atomically
+from harness.folder import held
 from snake_env.errors import InvalidInputError
 
 CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}

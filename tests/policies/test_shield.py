@@ -2,9 +2,9 @@
 
 import pytest
 
-from evaluate.engine import Engine
 from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import VIOLATIONS
+from harness.engine import Engine
 from snake_env import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import load_tasks

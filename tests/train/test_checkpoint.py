@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from evaluate.engine import Engine
+from harness.engine import Engine
 from snake_env import SnakeParams, load_policy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model

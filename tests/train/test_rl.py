@@ -18,6 +18,7 @@ import pytest
 import torch
 
 from agents import ppo
+from harness.robot import Robot
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
@@ -27,7 +28,6 @@ from snake_env.sim.observation import observation_size
 from tests.support.models import model_of
 from tests.support.robots import random_state
 from train.__main__ import main
-from train.run import Robot
 
 SMALL = {
     "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64 "

@@ -19,7 +19,7 @@ import torch
 import train.value
 from agents.best_known import COLUMNS, Problem, replay, solve
 from agents.harvest import Trial, play
-from evaluate.engine import Engine
+from harness.engine import Engine
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams

@@ -24,7 +24,7 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from evaluate.command import complain
+from harness.command import complain
 from snake_env import interrupts
 from snake_env.errors import (
     InvalidInputError,

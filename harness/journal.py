@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from evaluate.files import FileError, atomic_writer, read_json, write_atomically
+from harness.files import FileError, atomic_writer, read_json, write_atomically
 from snake_env.errors import InvalidInputError
 
 _SAME = "work with the same policies, tasks, options and constants (or --overwrite)"

@@ -1,4 +1,4 @@
-"""Speed of the vector env: ``python -m evaluate.bench_vector [--soak STEPS] [--plot FILE]``.
+"""Speed of the vector env: ``python -m benchmarks.vector [--soak STEPS] [--plot FILE]``.
 
 Every env is driven with random valid modes; only ``step`` is timed. The envs that are compared take
 turns in this one run.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import resource
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,10 +18,11 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
-import tyro
 from rich.table import Table
 
-from evaluate.command import console as make_console
+from harness.command import console as make_console
+from harness.command import exit_code
+from harness.options import parse
 from snake_env import set_num_threads
 
 _ID = "snake_env:SnakeModeSelection-v0"
@@ -126,7 +128,7 @@ def _peak_mib() -> float:
 
 def plot(path: Path) -> None:
     """Draws steps/s against the number of envs."""
-    from evaluate.figures import Figure
+    from harness.figures import Figure
 
     figure = Figure(figsize=(7, 4), layout="constrained")
     ax = figure.subplots()
@@ -150,9 +152,9 @@ def plot(path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def main() -> None:
-    """Measures and prints."""
-    options = tyro.cli(Options, prog="python -m evaluate.bench_vector", description=__doc__)
+def main(args: list[str] | None = None) -> int:
+    """Measures and prints; the exit code."""
+    options = parse(Options, "python -m benchmarks.vector", args)
     console = make_console()
     rows = compare()
     title = "vector env, random valid modes"
@@ -170,7 +172,8 @@ def main() -> None:
     if options.plot is not None:
         plot(options.plot)
         console.print(f"picture: {options.plot}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main))

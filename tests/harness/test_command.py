@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from rich.table import Table
 
-from evaluate.command import PlainConsole, complain, exit_code
-from evaluate.progress import progress
+from harness.command import PlainConsole, complain, exit_code
+from harness.progress import progress
 from tests.support import ROOT
 
 ODD = [
@@ -83,7 +83,7 @@ def test_rate_and_time_left__count_what_is_done_now_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = [1000.0]
-    monkeypatch.setattr("evaluate.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("harness.progress.time.monotonic", lambda: now[0])
     with _printing() as (console, file), progress(console, 1_000_000, "decisions", 900_000) as step:
         now[0] += 10.0
         step("ppo", 10_000)

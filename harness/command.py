@@ -43,6 +43,14 @@ def complain(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
+def in_one_line(problem: BaseException) -> str:
+    """An exception's type and message."""
+    try:
+        return printable(f"{type(problem).__name__}: {problem}")
+    except Exception:  # its text is its author's
+        return type(problem).__name__
+
+
 def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> int:
     """Runs a command; what goes wrong becomes one line and an exit code.
 

@@ -1,4 +1,7 @@
-"""Speed: ``make bench``. Ratios are measured side by side, in turns, in this one run."""
+"""Speed of decisions: ``python -m benchmarks.kernel``.
+
+Ratios are measured side by side, in turns, in this one run.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,10 @@ import numpy as np
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from evaluate.bench_kernel import composition, processor
-from evaluate.command import console as make_console
+from benchmarks.operations import composition, processor
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
+from harness.command import console as make_console
 from snake_env.kernel.blocks import clock_of, constants_of
 from snake_env.kernel.compiler import CACHE_VARIABLE
 from snake_env.kernel.interval import (
@@ -36,7 +39,6 @@ from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
-from tests.support import oracle
 
 _REPEATS = 15
 _POLICIES = ("analytic", "analytic-14", "value", "imitate", "ppo", "dqn", "ppo+shield")
@@ -121,37 +123,27 @@ def _runner(kernel: Kernel, state: SnakeState, params: SnakeParams) -> Callable[
 
 
 def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
-    """The kernel on full blocks, lane by lane, in plain floats, and as NumPy transcription."""
+    """The kernel on full blocks, lane by lane, and the equations on plain floats."""
     modes = _modes(params)
     wide, narrow = get_kernel(8, True), get_kernel(8, True, 1)
     run_wide, run_narrow = _runner(wide, state, params), _runner(narrow, state, params)
-    lifted = mode_table(8).lifted[modes[50]].copy()
-    lifted[0] = True
-    literal = oracle.Constants()
-
-    def transcription() -> None:
-        oracle.interval(
-            *(state.w, state.phi, state.target, 1, state.ref_start, 0.0, lifted, literal)
-        )
 
     def floats() -> None:
         lane = float_lane(state, int(modes[50]), params)
         for t, k_eta in clock_of(params).tolist():
             sub_step(lane, t, k_eta, params)
 
-    fast, slow, python, numpy_time = timed(run_wide, run_narrow, floats, transcription, repeats=5)
+    fast, slow, python = timed(run_wide, run_narrow, floats, repeats=5)
     steps = params.n_steps
     unit = [
         statistics.median(fast) / len(modes) / steps,
         statistics.median(slow) / len(modes) / steps,
         statistics.median(python) / steps,
-        statistics.median(numpy_time) / steps,
     ]
     names = [
         f"kernel, blocks of {wide.lanes} lanes",
         "kernel, one lane at a time",
         "the same equations on Python floats, mode by mode",
-        "literal NumPy transcription (pinv, finite differences), mode by mode",
     ]
     rows = [
         [name, f"{1e9 * u:.0f}", f"{u / unit[0]:.1f}"] for name, u in zip(names, unit, strict=True)

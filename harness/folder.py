@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from evaluate.files import is_stray
+from harness.files import is_stray
 from snake_env.errors import InvalidInputError
 
 Found = Literal["nothing", "begun", "finished"]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluate.files import write_atomically
-from evaluate.folder import Layout, held
+from harness.files import write_atomically
+from harness.folder import Layout, held
 from snake_env.errors import InvalidInputError
 from tests.support import ROOT
 
@@ -18,7 +18,7 @@ LAYOUT = Layout(begun="work.jsonl", done="done.json", own=("*.png", "board"))
 HOLD = """
 import sys, time
 from pathlib import Path
-from evaluate.folder import Layout, held
+from harness.folder import Layout, held
 with held(Path(sys.argv[1]), Layout("work.jsonl", "done.json", ())):
     print("held", flush=True)
     time.sleep(60)
@@ -103,7 +103,7 @@ def test_lock__dies_with_its_owner(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from evaluate import files
+from harness import files
 with files._replacing(Path(sys.argv[1])) as file:
     file.write(b"half")
     file.flush()

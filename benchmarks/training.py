@@ -1,4 +1,4 @@
-"""How fast is training? ``python -m train.bench``.
+"""Speed of training: ``python -m benchmarks.training``.
 
 PPO learns for a while in the real environment and in one that costs nothing and returns the same
 arrays again and again: the learner's ceiling. They take turns, so that a noisy machine slows both.
@@ -6,6 +6,7 @@ arrays again and again: the learner's ceiling. They take turns, so that a noisy 
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,8 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
 
 from agents import ppo
-from evaluate.options import parse
+from harness.command import exit_code
+from harness.options import parse
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
@@ -45,8 +47,9 @@ class _Free(SnakeVecEnv):
         return self._first, rewards, self._never.copy(), self._nothing
 
 
-def main(options: Options) -> None:
-    """Measures and prints."""
+def main(args: list[str] | None = None) -> int:
+    """Measures and prints; the exit code."""
+    options = parse(Options, "python -m benchmarks.training", args)
     torch.set_num_threads(1)
     warm_up(SnakeParams())
     settings = ppo.Settings()
@@ -70,7 +73,8 @@ def main(options: Options) -> None:
         print(f"{name:14} {frames / spent:8.0f} frames/s")
     share = seconds["zero-cost env"] / seconds["snake_env"]
     print(f"{share:.0%} of the learner's ceiling")
+    return 0
 
 
 if __name__ == "__main__":
-    main(parse(Options, "python -m train.bench"))
+    sys.exit(exit_code(main))

@@ -20,7 +20,7 @@ import psutil
 import pytest
 import threadpoolctl
 
-from evaluate.engine import Engine, WorkerLostError
+from harness.engine import Engine, WorkerLostError
 from snake_env.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from tests.support import ROOT
 

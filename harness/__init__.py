@@ -1,0 +1,1 @@
+"""What every command shares: options, console, exit codes, files, and parallel work."""

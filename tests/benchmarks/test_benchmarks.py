@@ -1,0 +1,39 @@
+"""The benchmarks run: what they print depends on the machine."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import kernel, training, vector
+from snake_env.sim.tasks import load_tasks
+from tests.support.robots import PAPER
+
+
+@pytest.mark.parametrize("measure", [kernel.decision, kernel.loop, kernel.ratios])
+def test_kernel__has_a_row_for_each_column(measure: Any) -> None:
+    columns, rows = measure(load_tasks("sim-1", PAPER).initial(0, PAPER), PAPER)
+    assert rows
+    assert all(len(row) == len(columns) for row in rows)
+
+
+def test_vector__compares_and_draws(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(vector, "_SECONDS", 0.01)
+    monkeypatch.setattr(vector, "_TURNS", 1)
+    monkeypatch.setattr(vector, "_COUNTS", (1, 2))
+    assert vector.main(["--soak", "1", "--plot", str(tmp_path / "speed.png")]) == 0
+    told = capsys.readouterr().out
+    assert "SyncVectorEnv" in told
+    assert "peak memory" in told
+    assert (tmp_path / "speed.png").stat().st_size > 0
+
+
+def test_training__compares_with_the_ceiling(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = training.ppo.Settings(num_envs=4, n_steps=4, batch_size=8, hidden=(8,))
+    monkeypatch.setattr(training.ppo, "Settings", lambda: small)
+    assert training.main(["--rounds", "1"]) == 0
+    assert "ceiling" in capsys.readouterr().out
