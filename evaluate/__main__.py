@@ -1,4 +1,4 @@
-"""Command line: ``python -m evaluate POLICY... [--tasks ...] [--out DIR]`` and ``compare DIR...``."""
+"""Command line: ``python -m evaluate POLICY...``, ``compare DIR...`` and ``solve``."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from evaluate.drawings import draw
 from evaluate.latency import measure_latencies
 from evaluate.options import Options
 from evaluate.protocol import Shard, check_policy, run_shard
+from evaluate.solve import SolveOptions, solve_suite
 from evaluate.store import LAYOUT, Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
@@ -27,6 +28,7 @@ from harness.engine import WorkerLostError
 from harness.folder import held
 from harness.options import parse
 from harness.progress import progress
+from harness.provenance import begin
 from snake_env import VERSION, interrupts
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
@@ -37,20 +39,33 @@ _MOST_TASKS = 16  # in a shard, so that handing it out costs little beside doing
 _LEAST_SHARDS = 100  # so that all workers are busy to the end, and a killed run loses little
 
 
-def main() -> int:
+def main(args: list[str] | None = None) -> int:
     """Runs the command; its exit code."""
-    return exit_code(_command)
+    words = sys.argv[1:] if args is None else args
+    return exit_code(lambda: _command(words))
 
 
-def _command() -> int:
-    if sys.argv[1:] == ["--version"]:
+def _command(words: list[str]) -> int:
+    if words == ["--version"]:
         print(VERSION)
         return 0
-    if sys.argv[1:2] == ["compare"]:
-        return compare_folders(
-            parse(CompareOptions, "python -m evaluate compare", sys.argv[2:]), make_console()
-        )
-    return evaluate(parse(Options, "python -m evaluate"))
+    if words[:1] == ["compare"]:
+        options = parse(CompareOptions, "python -m evaluate compare", words[1:])
+        return compare_folders(options, make_console())
+    if words[:1] == ["solve"]:
+        return _solve(words)
+    return evaluate(parse(Options, "python -m evaluate", words))
+
+
+def _solve(words: list[str]) -> int:
+    begin("python -m evaluate", words)
+    options = parse(SolveOptions, "python -m evaluate solve", words[1:])
+    try:
+        solve_suite(options, make_console())
+    except WorkerLostError as error:
+        complain(f"error: {error}; --resume continues from what is finished")
+        return 1
+    return 0
 
 
 def evaluate(options: Options) -> int:

@@ -26,7 +26,7 @@ Factories = tyro.conf.UseAppendAction[
 class Options:
     """Run policies on the same tasks and compare them.
 
-    Finished runs: python -m evaluate compare --help.
+    Finished runs: python -m evaluate compare --help. Shortest plans: python -m evaluate solve --help.
     """
 
     policies: Annotated[

@@ -16,7 +16,6 @@ from train.config import parse_with_file
 from train.run import Run
 
 COMMANDS = {
-    "solve": "the shortest plans that a wide search finds for a suite of tasks",
     "value": "the cost-to-go network that guides the planner",
     "imitate": "a policy network, from a teacher's costs of every mode",
     "ppo": "a policy by proximal policy optimisation",

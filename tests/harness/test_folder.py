@@ -140,7 +140,7 @@ def _process(*words: object) -> subprocess.Popen[str]:
 
 COMMANDS = {
     "evaluate": "evaluate analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
-    "solve": "train solve --tasks random:500 --workers 1 --budget 2000",
+    "solve": "evaluate solve --tasks random:500 --workers 1 --budget 2000",
     "value": "train value --episodes 4096 --workers 1",
     "dqn": "train dqn --timesteps 1000000",
 }

@@ -1,13 +1,10 @@
-"""``python -m train``: what solve and value make, refuse and survive."""
+"""``python -m train``: what value and harvest make, refuse and survive."""
 
 import csv
 import importlib
 import json
-import os
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +14,6 @@ import pytest
 import torch
 
 import train.value
-from agents.best_known import COLUMNS, Problem, replay, solve
 from agents.harvest import Trial, play
 from harness.engine import Engine
 from snake_env.networks.model_file import Model, read_model, write_model
@@ -28,6 +24,7 @@ from snake_env.sim.observation import observation_size
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import StateBatch
 from tests.support import ROOT
+from tests.support.commands import QUICK, Command, Interrupted, names, tree
 from tests.support.models import unsure
 from tests.support.robots import PAPER
 from train.__main__ import COMMANDS, main
@@ -35,8 +32,7 @@ from train.config import parse_with_file
 
 FIVE = SnakeParams(n_joints=5)
 TUNED = sorted((ROOT / "agents" / "tuned").glob("*.yaml"))
-QUICK = ("--set", "n_joints=5", "--workers", "1")
-SOLVE = ("solve", "--tasks", "random:4:5", "--budget", "1500", "--workers", "1", "--out")
+TRAIN = Command(main)
 IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
 HARVEST = ("harvest", "--tasks", "1500", "--workers", "1", "--policy")  # 3 shards
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
@@ -51,59 +47,6 @@ def _one_thread() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-def _run(*arguments: object) -> int:
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return int(end.code or 0)
-
-
-def _good(*arguments: object) -> None:
-    assert _run(*arguments) == 0
-
-
-def _refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """What is said about bad arguments: one line, no traceback, and nothing else."""
-    capsys.readouterr()
-    assert _run(*arguments) == 2
-    stdout, stderr = capsys.readouterr()
-    assert stdout == ""
-    assert re.fullmatch(r"error: [^\n]+\n", stderr), stderr
-    return stderr.strip().removeprefix("error: ")
-
-
-def _tree(folder: Path) -> dict[str, bytes]:
-    paths = sorted(folder.rglob("*"))
-    return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
-
-
-def _names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
-
-
-class _Interrupted:
-    """Takes the place of ``Engine.map``: Ctrl-C after so many pieces of work, of all calls."""
-
-    def __init__(self, after: int) -> None:
-        self.left = after
-
-    def __get__(self, engine: Engine, owner: type[Engine]) -> Callable[..., Iterator[Any]]:
-        return self.map
-
-    def map(self, work: Callable[[Any], Any], pieces: Iterable[Any]) -> Iterator[Any]:
-        for piece in pieces:
-            if self.left == 0:
-                raise KeyboardInterrupt
-            self.left -= 1
-            yield work(piece)
-
-
-def _interrupt(after: int, *arguments: object) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Engine, "map", _Interrupted(after))
-        assert _run(*arguments) == 130
-
-
 # the command line
 
 
@@ -111,7 +54,7 @@ def _interrupt(after: int, *arguments: object) -> None:
 def test_help__names_every_command(
     arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(*arguments) == (0 if arguments else 2)
+    assert TRAIN.run(*arguments) == (0 if arguments else 2)
     stdout, stderr = capsys.readouterr()
     assert stderr == ""
     assert stdout.startswith("usage: python -m train COMMAND [options]\n")
@@ -119,11 +62,11 @@ def test_help__names_every_command(
         assert re.search(rf"^  {name} +{re.escape(what)}$", stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["solve", "value", "harvest"])
+@pytest.mark.parametrize("command", ["value", "harvest"])
 def test_help__of_a_command_names_its_options(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(command, "--help") == 0
+    assert TRAIN.run(command, "--help") == 0
     text = capsys.readouterr().out
     assert f"usage: python -m train {command}" in text
     for option in ("--out DIR", "--set NAME=VALUE", "--preset STR", "--workers INT"):
@@ -133,23 +76,8 @@ def test_help__of_a_command_names_its_options(
 
 
 BAD = {
-    "slove": r"^unknown command 'slove': did you mean 'solve'\? known: .*value",
+    "vlaue": r"^unknown command 'vlaue': did you mean 'value'\? known: .*value",
     "--seed 3": r"^unknown command '--seed'",
-    "solve --budgte 5": r"--budget",
-    "solve --budget": r"--budget",
-    "solve --budget many": r"'many'",
-    "solve extra": r"extra",
-    "solve --budget 0": r"^budget = 0: expected a positive number of roll-outs$",
-    "solve --tasks random:0": r"^tasks = 'random:0': expected random:N",
-    "solve --tasks paper-50": r"^unknown task suite 'paper-50': did you mean 'paper-500'\?",
-    "solve --preset papr": r"^unknown preset 'papr': did you mean 'paper'\?",
-    "solve --set a_cc=1": r"^unknown parameter 'a_cc': did you mean 'a_c'\?",
-    "solve --set n_joints=4": r"^n_joints = 4: expected an integer from 5 to 16$",
-    "solve --workers 0": r"^workers = 0: expected a positive number, or -1",
-    "solve --engine rays": r"rays",
-    "solve --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
-    "solve --tasks random:2 --improve {tmp}/none.csv": r"none\.csv.*No such file",
-    "solve --tasks random:2 --improve {tmp}": r"^improve = .*Is a directory",
     "imitate --near-limits 1.5": r"^near_limits = 1\.5: expected a number from 0 to 1$",
     "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
     "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
@@ -186,28 +114,20 @@ def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
 ) -> None:
     models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "lookahead")}
     arguments = [word.format(tmp=tmp_path, **models) for word in case.split()]
-    out = () if case.startswith(("slove", "--seed")) else ("--out", tmp_path / "out")
-    assert re.search(BAD[case], _refusal(capsys, *arguments[:1], *out, *arguments[1:]))
-    assert _tree(tmp_path) == {}
+    out = () if case.startswith(("vlaue", "--seed")) else ("--out", tmp_path / "out")
+    assert re.search(BAD[case], TRAIN.refusal(capsys, *arguments[:1], *out, *arguments[1:]))
+    assert tree(tmp_path) == {}
 
 
 def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
-    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "train", *map(str, arguments)],
-            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=120,
-            env={**os.environ, "COLUMNS": "40"},
-        )  # fmt: skip
-
-    done = run("solve", "--tasks", "random:2:1", "--budget", 300, *QUICK, "--out", tmp_path / "out")
+    done = TRAIN.process(*VALUE, tmp_path / "out", "--generations", 1, "--episodes", 8)
     assert done.returncode == 0, done.stderr
-    assert f"of 2 tasks solved: {tmp_path}/out/plans.csv\n" in done.stdout
-    assert _names(tmp_path / "out") == {"plans.csv", "search.json"}
-    about = json.loads((tmp_path / "out" / "search.json").read_text())
-    assert about["command"].startswith("python -m train solve --tasks random:2:1 --budget 300")
-    done = run("slove")
+    assert f"model: {tmp_path}/out/value.safetensors\n" in done.stdout
+    about = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert about["command"].startswith("python -m train value --generations 2 --episodes 40")
+    done = TRAIN.process("vlaue")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("error: unknown command 'slove': did you mean 'solve'?")
+    assert done.stderr.startswith("error: unknown command 'vlaue': did you mean 'value'?")
     assert done.stderr.count("\n") == 1
 
 
@@ -226,14 +146,14 @@ def harvest(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
 def harvested(harvest: tuple[object, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted harvest."""
     folder = tmp_path_factory.mktemp("harvested") / "new" / "tasks"
-    _good(*harvest, folder)
+    TRAIN.good(*harvest, folder)
     return folder
 
 
 def test_harvest__is_a_suite_of_lost_tasks_and_others(
     harvest: tuple[object, ...], harvested: Path, tmp_path: Path
 ) -> None:
-    assert _names(harvested) == {"tasks.npz", "harvest.json"}
+    assert names(harvested) == {"tasks.npz", "harvest.json"}
     about = json.loads((harvested / "harvest.json").read_text())
     suite = load_tasks(str(harvested / "tasks.npz"), PAPER)
     lost = about["lost"]
@@ -244,7 +164,7 @@ def test_harvest__is_a_suite_of_lost_tasks_and_others(
     parts = [play(Trial(0, part, 512, network, PAPER)) for part in range(3)]
     np.testing.assert_array_equal(suite.phi0[:lost], np.concatenate([p.phi0 for p in parts]))
     np.testing.assert_array_equal(suite.target[:lost], np.concatenate([p.target for p in parts]))
-    _good(*harvest, tmp_path, "--copies", "0", "--share", "0.25")
+    TRAIN.good(*harvest, tmp_path, "--copies", "0", "--share", "0.25")
     other = load_tasks(str(tmp_path / "tasks.npz"), PAPER)
     assert len(other) == 4 * lost
     np.testing.assert_array_equal(other.phi0[:lost], suite.phi0[:lost])
@@ -258,178 +178,27 @@ def test_harvest__that_is_interrupted_resumes_as_if_nothing_had_happened(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    _interrupt(after, *harvest, tmp_path)
+    TRAIN.interrupt(after, *harvest, tmp_path)
     assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
-    assert "--resume" in _refusal(capsys, *harvest, tmp_path)
-    told = _refusal(capsys, *harvest, tmp_path, "--seed", "1", "--resume")
+    assert "--resume" in TRAIN.refusal(capsys, *harvest, tmp_path)
+    told = TRAIN.refusal(capsys, *harvest, tmp_path, "--seed", "1", "--resume")
     assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
     with pytest.MonkeyPatch.context() as patch:
-        engine = _Interrupted(3 - after)  # what is left is all that is done
+        engine = Interrupted(3 - after)  # what is left is all that is done
         patch.setattr(Engine, "map", engine)
-        _good(*harvest, tmp_path, "--resume")
+        TRAIN.good(*harvest, tmp_path, "--resume")
         assert engine.left == 0
     assert (tmp_path / "tasks.npz").read_bytes() == (harvested / "tasks.npz").read_bytes()
-    assert _names(tmp_path) == _names(harvested)
+    assert names(tmp_path) == names(harvested)
 
 
 def test_harvest__keeps_one_unless_told_otherwise(
     harvest: tuple[object, ...], harvested: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = _tree(harvested)
-    told = _refusal(capsys, *harvest, harvested)
+    before = tree(harvested)
+    told = TRAIN.refusal(capsys, *harvest, harvested)
     assert re.search(r"^out = .*: expected an empty folder \(or --overwrite", told)
-    assert _tree(harvested) == before
-
-
-# solve
-
-
-def _plans(folder: Path) -> list[dict[str, str]]:
-    with (folder / "plans.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The plans of an uninterrupted search."""
-    folder = tmp_path_factory.mktemp("solved") / "new" / "plans"
-    _good(*SOLVE, folder)
-    return folder
-
-
-def test_solve__writes_a_plan_for_every_task(solved: Path) -> None:
-    rows = _plans(solved)
-    assert [row["task"] for row in rows] == ["0", "1", "2", "3"]
-    suite = load_tasks("random:4:5", PAPER)
-    for task, row in enumerate(rows):
-        assert tuple(row) == COLUMNS
-        plan = replay(suite.initial(task, PAPER), tuple(map(int, row["modes"].split())), PAPER)
-        assert plan is not None
-        assert (len(plan), float(row["time_s"])) == (int(row["intervals"]), 3.0 * len(plan))
-        assert plan.cost == pytest.approx(float(row["cost"]), abs=1e-6)
-        problem = Problem(task, suite.initial(task, PAPER), (), 1500, PAPER)
-        assert {key: str(value) for key, value in solve(problem).items()} == row
-
-
-def test_solve__tells_what_it_found(solved: Path, tmp_path: Path, capsys: Any) -> None:
-    capsys.readouterr()
-    _good(*SOLVE, tmp_path)
-    mean = np.mean([float(row["time_s"]) for row in _plans(solved)])
-    expected = f"4 of 4 tasks solved, {mean:.2f} s on average: {tmp_path / 'plans.csv'}\n"
-    assert capsys.readouterr().out == expected
-    _good("solve", "--tasks", "random:2:5", "--budget", "1", *QUICK, "--out", tmp_path / "hard")
-    told = capsys.readouterr().out.splitlines()
-    assert told[0] == f"0 of 2 tasks solved: {tmp_path / 'hard' / 'plans.csv'}"
-    assert told[1:] == [f"task {task}: no plan in 5 roll-outs" for task in range(2)]
-
-
-@pytest.mark.parametrize("after", [0, 1, 3])
-def test_solve__that_is_interrupted_keeps_its_plans_and_resumes(
-    after: int, solved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _interrupt(after, *SOLVE, tmp_path)
-    stdout, stderr = capsys.readouterr()
-    assert f"{after} of 4 tasks are kept in {tmp_path}\n" in stdout
-    assert stderr == "interrupted: what is finished is kept\n"
-    assert _names(tmp_path) == {"plans.partial.jsonl"}
-    assert (tmp_path / "plans.partial.jsonl").read_bytes().count(b"\n") == 1 + after
-    with pytest.MonkeyPatch.context() as patch:
-        engine = _Interrupted(4 - after)  # what is left is all that is done
-        patch.setattr(Engine, "map", engine)
-        _good(*SOLVE, tmp_path, "--resume")
-        assert engine.left == 0
-    assert (tmp_path / "plans.csv").read_bytes() == (solved / "plans.csv").read_bytes()
-    assert _names(tmp_path) == {"plans.csv", "search.json"}
-
-
-def test_solve__resumes_behind_a_torn_line(solved: Path, tmp_path: Path) -> None:
-    _interrupt(2, *SOLVE, tmp_path)
-    partial = tmp_path / "plans.partial.jsonl"
-    partial.write_bytes(partial.read_bytes()[:-20])
-    _interrupt(1, *SOLVE, tmp_path, "--resume")
-    _good(*SOLVE, tmp_path, "--resume")
-    assert (tmp_path / "plans.csv").read_bytes() == (solved / "plans.csv").read_bytes()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [("--budget", "1600"), ("--tasks", "random:4:6"), ("--tasks", "random:5:5"),
-     ("--preset", "narrow"), ("--set", "a_c=70", "--transfer"), ("--improve", "{solved}/plans.csv")],
-)  # fmt: skip
-def test_solve__resumes_the_same_search_only(
-    changes: tuple[str, str], solved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _interrupt(1, *SOLVE, tmp_path)
-    before = _tree(tmp_path)
-    given = [text.replace("{solved}", str(solved)) for text in changes]
-    told = _refusal(capsys, *SOLVE, tmp_path, *given, "--resume")
-    assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
-    assert _tree(tmp_path) == before
-
-
-def test_solve__keeps_plans_unless_told_otherwise(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    quick = ("solve", "--tasks", "random:2:5", *QUICK, "--out", tmp_path, "--budget")
-    _good(*quick, 5)
-    before = _tree(tmp_path)
-    told = _refusal(capsys, *quick, 6)
-    assert re.search(r"^out = .*: expected an empty folder \(or --overwrite", told)
-    assert _tree(tmp_path) == before
-    _good(*quick, 9, "--overwrite")
-    assert [row["rollouts"] for row in _plans(tmp_path)] == ["10", "10"]
-    _interrupt(1, *quick, 5, "--overwrite")
-    before = _tree(tmp_path)
-    assert "--resume" in _refusal(capsys, *quick, 5)
-    assert _tree(tmp_path) == before
-    _good(*quick, 5, "--resume")
-    assert [row["rollouts"] for row in _plans(tmp_path)] == ["5", "5"]
-
-
-def test_solve__begins_with_the_plans_of_another_search(solved: Path, tmp_path: Path) -> None:
-    _good(*SOLVE, tmp_path / "more", "--improve", solved / "plans.csv", "--budget", 1)
-    for old, new in zip(_plans(solved), _plans(tmp_path / "more"), strict=True):
-        assert {**old, "rollouts": "99", "width": "0"} == new
-    _good(*SOLVE, tmp_path / "best", "--improve", solved / "plans.csv", "--budget", 6000)
-    for old, new in zip(_plans(solved), _plans(tmp_path / "best"), strict=True):
-        one, other = ((int(row["intervals"]), float(row["cost"])) for row in (old, new))
-        assert other <= one
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("task,modes\n0,1 x 3\n", "invalid literal"),
-        ("task,modes\nzero,1 3\n", "invalid literal"),
-        ("task,modes\n4,1 2\n", "there is no task 4"),
-        ("task,modes\n-1,1 2\n", "there is no task -1"),
-        ("task,cost\n0,1\n", "'modes'"),
-        ("modes\n0 1\n", "'task'"),
-        ("\x00\udcff", "utf-8"),
-        ('task,modes\n0,"' + "1 " * 100_000, "field"),
-    ],
-)
-def test_solve__refuses_plans_that_are_none(
-    text: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text, errors="surrogateescape")
-    told = _refusal(capsys, *SOLVE, tmp_path / "out", "--improve", path)
-    assert told.startswith("improve = ")
-    assert "expected the plans.csv of a search of these tasks" in told
-    assert reason in told
-    assert _names(tmp_path) == {"a.csv"}
-
-
-@pytest.mark.parametrize("modes", ["", "0 1 2", "98 98", "500", "-1", "0"])
-def test_solve__does_without_plans_that_lead_nowhere(
-    modes: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "a.csv").write_text(f"task,modes\n0,{modes}\n1\n")
-    quick = ("solve", "--tasks", "random:2:5", *QUICK, "--budget", 5, "--out")
-    _good(*quick, tmp_path / "out", "--improve", tmp_path / "a.csv")
-    _good(*quick, tmp_path / "without")
-    assert _plans(tmp_path / "out") == _plans(tmp_path / "without")
+    assert tree(harvested) == before
 
 
 # value
@@ -439,7 +208,7 @@ def test_solve__does_without_plans_that_lead_nowhere(
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted run of two generations."""
     folder = tmp_path_factory.mktemp("learned") / "run"
-    _good(*VALUE, folder)
+    TRAIN.good(*VALUE, folder)
     return folder
 
 
@@ -453,7 +222,7 @@ def _assert_same_run(folder: Path, other: Path, stale: Iterable[str] = ()) -> No
     for array, again in zip((*one.weights, *one.biases), (*two.weights, *two.biases), strict=True):
         assert np.array_equal(array, again)
     assert (folder / "log.csv").read_bytes() == (other / "log.csv").read_bytes()
-    assert _names(folder) - set(stale) == _names(other)
+    assert names(folder) - set(stale) == names(other)
 
 
 def test_value__learns_a_network_that_can_be_used(learned: Path) -> None:
@@ -489,9 +258,9 @@ def test_value__writes_down_how_it_was_made(learned: Path) -> None:
 
 
 def test_value__is_reproducible_and_decided_by_its_seed(learned: Path, tmp_path: Path) -> None:
-    _good(*VALUE, tmp_path / "again")
+    TRAIN.good(*VALUE, tmp_path / "again")
     _assert_same_run(tmp_path / "again", learned)
-    _good(*VALUE, tmp_path / "other", "--seed", 1)
+    TRAIN.good(*VALUE, tmp_path / "other", "--seed", 1)
     one, other = (read_model(path / "value.safetensors") for path in (learned, tmp_path / "other"))
     assert not np.array_equal(one.network.weights[0], other.network.weights[0])
 
@@ -499,8 +268,8 @@ def test_value__is_reproducible_and_decided_by_its_seed(learned: Path, tmp_path:
 def test_value__goes_on_from_a_network_of_the_same_size(learned: Path, tmp_path: Path) -> None:
     begun = read_model(learned / "value.safetensors").network
     slow = ("--init", learned / "value.safetensors", "--learning-rate", 1e-9, "--generations", 1)
-    _good(*VALUE, tmp_path / "same", *slow)
-    _good(*VALUE, tmp_path / "other", *slow, "--hidden", 9)
+    TRAIN.good(*VALUE, tmp_path / "same", *slow)
+    TRAIN.good(*VALUE, tmp_path / "other", *slow, "--hidden", 9)
     same = read_model(tmp_path / "same" / "value.safetensors").network
     np.testing.assert_allclose(same.weights[0], begun.weights[0], atol=1e-6)
     other = read_model(tmp_path / "other" / "value.safetensors").network
@@ -520,7 +289,7 @@ def test_value__is_distilled_into_a_smaller_network(
     write_model(given, Model("value", FIVE, teacher))
     words = ("--distil", "--init", given, "--epochs", 100, "--hidden", 12)
     more = ("--generations", 1, "--episodes", 320, "--learning-rate", 0.01)
-    _good(*VALUE, tmp_path / "small", *words, *more)
+    TRAIN.good(*VALUE, tmp_path / "small", *words, *more)
     small, large = (
         NetworkValue(read_model(path), FIVE)
         for path in (tmp_path / "small" / "value.safetensors", given)
@@ -533,7 +302,7 @@ def test_value__is_distilled_into_a_smaller_network(
     file = tmp_path / "small" / "value.safetensors"
     assert read_model(file).kind == "quick-value"  # asked about one image, it guides nobody else
     for others in (VALUE, ("imitate", *QUICK, "--value", file, "--out")):
-        told = _refusal(capsys, *others, tmp_path / "no", "--init", file)
+        told = TRAIN.refusal(capsys, *others, tmp_path / "no", "--init", file)
         assert re.search(r"^model\.kind = 'quick-value': expected (value|policy)$", told)
 
 
@@ -577,8 +346,8 @@ def test_value__that_is_killed_resumes_as_if_nothing_had_happened(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(where, name, _killing(getattr(where, name), calls, before))
         with pytest.raises(_Kill):
-            _run(*VALUE, tmp_path)
-    _good(*VALUE, tmp_path, "--resume")
+            TRAIN.run(*VALUE, tmp_path)
+    TRAIN.good(*VALUE, tmp_path, "--resume")
     _assert_same_run(tmp_path, learned, stale={"value-0.safetensors"})
 
 
@@ -586,23 +355,23 @@ def test_value__that_is_killed_resumes_as_if_nothing_had_happened(
 def test_value__that_is_interrupted_resumes_as_if_nothing_had_happened(
     after: int, learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _interrupt(after, *VALUE, tmp_path)
+    TRAIN.interrupt(after, *VALUE, tmp_path)
     assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
     assert not (tmp_path / "value.safetensors").exists()
     with pytest.MonkeyPatch.context() as patch:
-        engine = _Interrupted(2 - after)
+        engine = Interrupted(2 - after)
         patch.setattr(Engine, "map", engine)
-        _good(*VALUE, tmp_path, "--resume")
+        TRAIN.good(*VALUE, tmp_path, "--resume")
         assert engine.left == 0
     _assert_same_run(tmp_path, learned)
 
 
 def test_value__that_is_done_is_not_done_again(learned: Path) -> None:
-    before = _tree(learned)
+    before = tree(learned)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Engine, "map", _Interrupted(0))
-        _good(*VALUE, learned, "--resume")
-    assert _tree(learned) == before
+        patch.setattr(Engine, "map", Interrupted(0))
+        TRAIN.good(*VALUE, learned, "--resume")
+    assert tree(learned) == before
 
 
 @pytest.mark.parametrize(
@@ -618,28 +387,28 @@ def test_value__that_is_done_is_not_done_again(learned: Path) -> None:
 def test_value__resumes_the_same_run_only(
     changes: tuple[str, ...], named: str, learned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = _tree(learned)
-    told = _refusal(capsys, *VALUE, learned, *changes, "--resume")
+    before = tree(learned)
+    told = TRAIN.refusal(capsys, *VALUE, learned, *changes, "--resume")
     assert told.startswith("resume = ")
     expected = ", ".join(sorted(named.split(", ")))
     assert told.endswith(f"a run with the same options (these differ: {expected})")
-    assert _tree(learned) == before
+    assert tree(learned) == before
 
 
 def test_value__keeps_a_run_unless_told_otherwise(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     once = (*VALUE, tmp_path, "--generations", 1, "--episodes", 8)
-    _good(*once)
-    before = _tree(tmp_path)
-    told = _refusal(capsys, *once)
+    TRAIN.good(*once)
+    before = tree(tmp_path)
+    told = TRAIN.refusal(capsys, *once)
     assert told.endswith(
         "expected an empty folder (or --overwrite to replace what is there, or --resume)"
     )
-    assert _tree(tmp_path) == before
-    _good(*once, "--overwrite", "--seed", 5)
+    assert tree(tmp_path) == before
+    TRAIN.good(*once, "--overwrite", "--seed", 5)
     assert json.loads((tmp_path / "run.json").read_text())["config"]["seed"] == 5
-    assert _names(tmp_path) == {Path(name).name for name in before}
+    assert names(tmp_path) == {Path(name).name for name in before}
 
 
 def test_value__refuses_a_folder_of_other_things(
@@ -647,12 +416,12 @@ def test_value__refuses_a_folder_of_other_things(
 ) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     for options in ((), ("--overwrite",)):
-        told = _refusal(capsys, *VALUE, tmp_path, *options)
+        told = TRAIN.refusal(capsys, *VALUE, tmp_path, *options)
         assert told.endswith("expected an empty folder, or one with a run")
-    assert _names(tmp_path) == {"notes.txt"}
+    assert names(tmp_path) == {"notes.txt"}
     for content in ("", "[]", '{"schema": 7}'):
         (tmp_path / "run.json").write_text(content)
-        told = _refusal(capsys, *VALUE, tmp_path, "--resume")
+        told = TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
         assert told.startswith("resume = ")
 
 
@@ -663,7 +432,7 @@ def test_value__reports_a_damaged_model(
         (tmp_path / path.name).write_bytes(path.read_bytes())
     kept = tmp_path / "value-1.safetensors"
     kept.write_bytes(kept.read_bytes()[:-1])
-    assert "sha256 differs" in _refusal(capsys, *VALUE, tmp_path, "--resume")
+    assert "sha256 differs" in TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
 
 
 @pytest.mark.parametrize("file", TUNED, ids=lambda file: file.stem)

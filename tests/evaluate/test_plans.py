@@ -4,8 +4,8 @@ import itertools
 
 import pytest
 
-from agents import best_known as module
-from agents.best_known import COLUMNS, FIRST_WIDTH, Problem, Row, dead_end, replay, solve
+from evaluate import plans as module
+from evaluate.plans import COLUMNS, FIRST_WIDTH, Problem, Row, dead_end, replay, solve
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.search import Budget, Plan, analytic_plan, beam_search, search

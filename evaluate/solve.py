@@ -1,4 +1,4 @@
-"""``python -m train solve``: the shortest plans that a wide search finds."""
+"""``python -m evaluate solve``: the shortest plans that a wide search finds for a suite of tasks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from agents.best_known import COLUMNS, Problem, Row, solve
+from evaluate.plans import COLUMNS, Problem, Row, solve
 from harness.engine import Engine
 from harness.files import file_name, write_atomically
 from harness.folder import Found, Layout, held
@@ -34,7 +34,7 @@ LAYOUT = Layout(begun="plans.partial.jsonl", done="search.json", own=("plans.csv
 
 
 @dataclass(frozen=True)
-class Options:
+class SolveOptions:
     """Search a suite of tasks for the shortest plans."""
 
     robot: Robot = field(default_factory=Robot)
@@ -65,7 +65,7 @@ class Options:
         return self.robot.params()
 
 
-def train(options: Options, console: Console) -> None:
+def solve_suite(options: SolveOptions, console: Console) -> None:
     """Searches all tasks, or those that an interrupted search has left; writes the plans.
 
     A task's result depends on the task, the budget and the value network only: not on the workers.
@@ -88,7 +88,7 @@ def train(options: Options, console: Console) -> None:
 
 
 def _search(
-    options: Options,
+    options: SolveOptions,
     params: SnakeParams,
     suite: TaskSuite,
     known: list[tuple[int, ...]],

@@ -1,4 +1,4 @@
-"""The shortest plans found for the tasks of a suite, and the search for them."""
+"""Anytime search for the shortest plan of a task: beams, each twice as wide as the one before."""
 
 from __future__ import annotations
 

@@ -1,0 +1,92 @@
+"""A command, run in this process or in one of its own, and interrupted at will."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.engine import Engine
+from tests.support import ROOT
+
+QUICK = ("--set", "n_joints=5", "--workers", "1")
+"""Options of a robot that costs little."""
+
+
+class Command:
+    """``python -m`` train or evaluate.
+
+    Args:
+        main: The function that runs it.
+    """
+
+    def __init__(self, main: Callable[[list[str]], int]) -> None:
+        self._main = main
+        self._package = main.__module__.split(".")[0]
+
+    def run(self, *arguments: object) -> int:
+        """Its exit code."""
+        try:
+            return self._main([str(argument) for argument in arguments])
+        except SystemExit as end:
+            return int(end.code or 0)
+
+    def good(self, *arguments: object) -> None:
+        """Runs it to a good end."""
+        assert self.run(*arguments) == 0
+
+    def refusal(self, capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+        """What is said about bad arguments: one line, no traceback, and nothing else."""
+        capsys.readouterr()
+        assert self.run(*arguments) == 2
+        stdout, stderr = capsys.readouterr()
+        assert stdout == ""
+        assert re.fullmatch(r"error: [^\n]+\n", stderr), stderr
+        return stderr.strip().removeprefix("error: ")
+
+    def interrupt(self, after: int, *arguments: object) -> None:
+        """Runs it up to Ctrl-C after so many pieces of work."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Engine, "map", Interrupted(after))
+            assert self.run(*arguments) == 130
+
+    def process(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Runs it in a process of its own, in a narrow terminal."""
+        return subprocess.run(
+            [sys.executable, "-m", self._package, *map(str, arguments)],
+            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=300,
+            env={**os.environ, "COLUMNS": "40"},
+        )  # fmt: skip
+
+
+class Interrupted:
+    """Takes the place of ``Engine.map``: Ctrl-C after so many pieces of work, of all calls."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+
+    def __get__(self, engine: Engine, owner: type[Engine]) -> Callable[..., Iterator[Any]]:
+        return self.map
+
+    def map(self, work: Callable[[Any], Any], pieces: Iterable[Any]) -> Iterator[Any]:
+        """Works here, piece by piece."""
+        for piece in pieces:
+            if self.left == 0:
+                raise KeyboardInterrupt
+            self.left -= 1
+            yield work(piece)
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Everything in a folder, with its content."""
+    paths = sorted(folder.rglob("*"))
+    return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
+
+
+def names(folder: Path) -> set[str]:
+    """The names in a folder."""
+    return {path.name for path in folder.iterdir()}
