@@ -172,8 +172,9 @@ def train(options: Options, console: Console) -> Path:
                 f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
             )
         assert network is not None
-        if finished:
-            console.print("this run is finished")
+        if finished and file.exists():
+            console.print(f"this run is finished: {file}")
+            return file
         made = {"command": command(), "config": config, "generations": options.generations}
         write_model(file, Model(kind, params, network, made))
         console.print(f"model: {file}")

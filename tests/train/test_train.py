@@ -432,7 +432,7 @@ def test_value__reports_a_damaged_model(
         (tmp_path / path.name).write_bytes(path.read_bytes())
     kept = tmp_path / "value-1.safetensors"
     kept.write_bytes(kept.read_bytes()[:-1])
-    assert "sha256 differs" in TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
+    assert "a safetensors file" in TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
 
 
 @pytest.mark.parametrize("file", TUNED, ids=lambda file: file.stem)
