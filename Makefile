@@ -1,7 +1,7 @@
 # Everything runs in .venv, made from the committed lock. Needed: Python 3.11 and make.
 
 PYTHON ?= python3.11
-DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 value ppo ppo+shield random skid --tasks paper-500 --out report --overwrite
+DEMO_ARGS ?= analytic analytic-14 lookahead:width=4 ppo ppo+shield ppo+critic dqn+critic random skid --tasks paper-500 --out report --overwrite
 
 # Every file that is installed is known by its hash. A lock holds one extra of pyproject.toml with all
 # that it needs. PyTorch comes in two builds, for CPUs and for CUDA, so it has locks of its own.

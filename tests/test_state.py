@@ -127,7 +127,10 @@ def test_batch__shares_no_memory_with_its_states() -> None:
     state = random_state(0)
     batch = StateBatch.stack([state])
     before, out = state.phi.copy(), batch[0]
-    batch.phi[:], batch.w[:] = 0.0, 0.0
+    for array in (batch.phi, batch.w):
+        assert not np.shares_memory(array, state.phi)
+        assert not np.shares_memory(array, out.phi)
+        assert not np.shares_memory(array, out.w)
     assert state.phi.tolist() == out.phi.tolist() == before.tolist()
     assert out.w.tolist() == state.w.tolist()
 

@@ -154,7 +154,7 @@ def test_lessons__that_are_no_use_are_refused(
         words += ["--set", "n_joints=6"]
     assert main([*words, "--lessons", str(given)]) == 2
     err = capfd.readouterr().err
-    assert err.startswith(f"error: lessons = '{given}'")
+    assert err.startswith(f"error: lessons = '{given}")
     assert err.count("\n") == 1
     assert not (tmp_path / "run").exists()
 
@@ -186,14 +186,14 @@ def test_export__refuses_what_is_no_finished_run(
     assert "the folder of a run" in capfd.readouterr().err
     (tmp_path / "run.json").write_text((run / "run.json").read_text())
     assert main(["export", str(tmp_path)]) == 2
-    assert "a run that has a model" in capfd.readouterr().err
+    assert "a run with a model" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("content", "hint"),
     [
         ("round: 3", "did you mean 'rounds'"),
-        ("rounds: many", "rounds = 'many': expected a value of type int"),
+        ("rounds: many", "rounds = 'many': expected an integer"),
         ("- rounds", "a mapping of options"),
         ("rounds: [", "a YAML file"),
         ("rounds: 0", "rounds = 0: expected a positive"),
