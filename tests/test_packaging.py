@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT
+from tests.support import HANGS_S, ROOT
 
 LOCKS = sorted(path.name for path in (ROOT / "requirements").glob("*.txt"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -44,7 +44,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def wheel(copy: Path) -> zipfile.ZipFile:
     subprocess.run(
         [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", copy / "dist", copy],
-        check=True, capture_output=True, timeout=120,
+        check=True, capture_output=True, timeout=HANGS_S,
     )  # fmt: skip
     (path,) = (copy / "dist").iterdir()
     assert path.name.startswith("snake_mode_env-")

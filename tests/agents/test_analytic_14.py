@@ -12,7 +12,7 @@ import pytest
 from agents.analytic_14 import choices
 from snake_env.modes import mode_table
 from snake_env.sim.tasks import random_suite
-from tests.support import ROOT
+from tests.support import HANGS_S, ROOT
 from tests.support.robots import PAPER, run_episode, sim_1_episode, straight_state
 
 COMMITTED = ROOT / "snake_env" / "policies" / "analytic_14.json"
@@ -23,7 +23,7 @@ def _run(out: Path, tasks: str, size: int) -> dict[str, object]:
     subprocess.run(
         [sys.executable, "-m", "agents.analytic_14", "--tasks", tasks, "--size", str(size),
          "--workers", "2", "--out", str(out)],
-        cwd=ROOT, check=True, capture_output=True, env={**os.environ}, timeout=120,
+        cwd=ROOT, check=True, capture_output=True, env={**os.environ}, timeout=HANGS_S,
     )  # fmt: skip
     assert COMMITTED.read_bytes() == before
     return json.loads(out.read_text())

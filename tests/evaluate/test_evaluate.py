@@ -35,7 +35,7 @@ from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
 from snake_env.sim.episode import OUTCOMES
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
-from tests.support import ROOT
+from tests.support import HANGS_S, ROOT
 from tests.support.robots import PAPER
 
 POLICY_KEYS = {
@@ -81,7 +81,7 @@ def _start(*arguments: object) -> subprocess.Popen[str]:
 
 def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
     process = _start(*arguments)
-    stdout, stderr = process.communicate(timeout=120)
+    stdout, stderr = process.communicate(timeout=HANGS_S)
     return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr)
 
 
@@ -474,7 +474,7 @@ def _end(process: subprocess.Popen[str], number: int) -> tuple[str, str]:
                 os.kill(pid, number)
     time.sleep(0.1)
     os.killpg(process.pid, number)
-    return process.communicate(timeout=30)
+    return process.communicate(timeout=HANGS_S)
 
 
 def _resume(out: Path, reference: Path) -> None:

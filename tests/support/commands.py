@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from harness.engine import Engine
-from tests.support import ROOT
+from tests.support import HANGS_S, ROOT
 
 QUICK = ("--set", "n_joints=5", "--workers", "1")
 """Options of a robot that costs little."""
@@ -58,7 +58,7 @@ class Command:
         """Runs it in a process of its own, in a narrow terminal."""
         return subprocess.run(
             [sys.executable, "-m", self._package, *map(str, arguments)],
-            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=300,
+            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=HANGS_S,
             env={**os.environ, "COLUMNS": "40"},
         )  # fmt: skip
 
