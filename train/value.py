@@ -173,7 +173,8 @@ def train(options: Options, console: Console) -> Path:
             )
         assert network is not None
         if finished and file.exists():
-            console.print(f"this run is finished: {file}")
+            console.print("this run is finished")
+            console.print(f"model: {file}")
             return file
         made = {"command": command(), "config": config, "generations": options.generations}
         write_model(file, Model(kind, params, network, made))
