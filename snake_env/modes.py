@@ -56,7 +56,10 @@ class ModeTable:
         allowed = (foremost > phases[:, None]) & (phases[:, None] <= n_joints)
         # Wheels 1..phase-1 are grounded, so a mode that is valid here leaves 3 of the n grounded.
         self._masks = allowed
-        for array in (self.n_lifted, self.wheels, self.lifted, self._masks):
+        self._scp = np.eye(
+            n_joints + 1, n_joints, dtype=np.bool_
+        )  # none once the target is reached
+        for array in (self.n_lifted, self.wheels, self.lifted, self._masks, self._scp):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -86,10 +89,14 @@ class ModeTable:
         self, modes: NDArray[np.int64], phases: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """All wheels in the air, the SCP's included, for N modes and phases: shape (N, n)."""
-        lifted: NDArray[np.bool_] = self.lifted[modes].copy()
-        moving = phases <= self.n_joints
-        lifted[np.flatnonzero(moving), phases[moving] - 1] = True
+        lifted: NDArray[np.bool_] = self.lifted[modes] | self._scp[phases - 1]
         return lifted
+
+    def valid_pairs(self, modes: NDArray[np.int64], phases: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether each of N modes exists and is allowed by the phase beside it: shape (N,)."""
+        inside = (modes >= 0) & (modes < len(self))
+        valid: NDArray[np.bool_] = self._masks[phases - 1, np.where(inside, modes, 0)] & inside
+        return valid
 
     def valid(self, phase: int) -> NDArray[np.int64]:
         """Indices of the modes that a phase allows, in rising order."""

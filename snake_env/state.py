@@ -123,8 +123,10 @@ class StateBatch:
     last_turn: FloatArray
 
     def __post_init__(self) -> None:
+        fields = self.__dict__  # of a frozen class: what object.__setattr__ does, only sooner
         for name in _FIELDS:
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            fields[name] = view = fields[name].view()
+            view.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
         return remade(self)
@@ -161,6 +163,23 @@ class StateBatch:
                 for name, dtype in _FIELDS.items()
             }
         )
+
+    @classmethod
+    def repeat(cls, state: SnakeState, count: int) -> StateBatch:
+        """A batch of ``count`` copies of one state.
+
+        Raises:
+            InvalidInputError: The phase or the mode is not an integer.
+        """
+        fields: dict[str, NDArray[Any]] = {}
+        for name, dtype in _FIELDS.items():
+            value = getattr(state, name)
+            if dtype is np.int64 and as_integer(value) is None:
+                raise InvalidInputError(f"state.{name}", value, "an integer")
+            shape = (count, *value.shape) if isinstance(value, np.ndarray) else count
+            fields[name] = copies = np.empty(shape, dtype=dtype)
+            copies[...] = value
+        return cls(**fields)
 
     @classmethod
     def initial(cls, phi0: FloatArray, target: FloatArray, params: SnakeParams) -> StateBatch:

@@ -30,7 +30,7 @@ def final_blocks(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Fl
 def with_each(state: SnakeState, modes: ArrayLike) -> tuple[StateBatch, IntArray]:
     """One state for each of some modes."""
     chosen = checked_modes(modes)
-    return StateBatch.stack([state]).take(np.zeros(len(chosen), dtype=np.intp)), chosen
+    return StateBatch.repeat(state, len(chosen)), chosen
 
 
 def checked_lane(state: SnakeState, mode: int, params: SnakeParams) -> tuple[StateBatch, IntArray]:
@@ -65,18 +65,16 @@ def check_states(states: StateBatch, params: SnakeParams) -> None:
             expected = "3 numbers" if name == "w" else f"n_joints = {n} joint angles"
             found = shape[1] if len(shape) == 2 else shape[1:]
             raise InvalidInputError(f"state.{name}", found, expected)
-    numbers = {name: getattr(states, name).ravel() for name in _REAL_FIELDS}
-    sizes = np.abs(np.concatenate(tuple(numbers.values())))  # all at once: it is quicker
+    numbers = [getattr(states, name) for name in _REAL_FIELDS]
+    sizes = np.abs(np.concatenate(numbers, axis=None))  # all at once: it is quicker
     if not (sizes <= LARGEST).all():
-        for name, values in numbers.items():
+        for name, values in zip(_REAL_FIELDS, numbers, strict=True):
             for wrong in values[~(np.abs(values) <= LARGEST)]:
                 expected = f"finite numbers, at most {LARGEST:g} in size"
                 raise InvalidInputError(f"state.{name}", float(wrong), expected)
-    if len(states) and (states.phase.min() < 1 or states.phase.max() > n + 1):
+    if ((states.phase < 1) | (states.phase > n + 1)).any():
         raise InvalidInputError("state.phase", states.phase.tolist(), f"1 to {n + 1}")
-    if len(states) and not -1 <= states.last_mode.min() <= states.last_mode.max() < len(
-        mode_table(n)
-    ):
+    if ((states.last_mode < -1) | (states.last_mode >= len(mode_table(n)))).any():
         raise InvalidInputError("state.last_mode", states.last_mode.tolist(), "mode indices or -1")
 
 
@@ -88,13 +86,9 @@ def check_pairs(states: StateBatch, modes: IntArray, params: SnakeParams) -> Non
         return
     check_states(states, params)
     table = mode_table(params.n_joints)
-    in_range = (modes >= 0) & (modes < len(table))
-    valid = (
-        in_range & table.masks(states.phase)[np.arange(len(modes)), np.where(in_range, modes, 0)]
-    )
-    if not valid.all():
-        first = int(np.argmin(valid))
-        table.check(int(modes[first]), int(states.phase[first]))
+    if not table.valid_pairs(modes, states.phase).all():
+        for mode, phase in zip(modes.tolist(), states.phase.tolist(), strict=True):
+            table.check(mode, phase)
 
 
 def run_lanes(
