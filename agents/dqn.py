@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -12,12 +15,69 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
-from agents.mlp import PREFERENCE, falling, linear_layers, load_weights, scaled, to_numpy
+from agents.labels import WORST as FLOOR
+from agents.learner import Learner
+from agents.mlp import falling, linear_layers, scaled
 from snake_env.errors import InvalidInputError
+from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
+from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
 
 _BUFFER = ("actions", "rewards", "dones", "timeouts")
+
+
+class AnchoredDQN(MaskedDQN):
+    """DQN whose action values stay close to those that it began with.
+
+    A target tells of the mode that was executed only. Through the network it moves the values of the
+    others too, mostly upwards, and what the student knew about them would be lost. So the loss holds
+    the squared distance from the student's values, over all open modes. Targets are at least
+    :data:`FLOOR`.
+
+    Attributes:
+        anchor: The student's network; None: there is none.
+        weight: Weight of the distance beside the Bellman error.
+    """
+
+    anchor: nn.Module | None = None
+    weight = 0.0
+
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        """SB3's ``DQN.train`` with these two changes."""
+        assert self.replay_buffer is not None
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        losses: list[float] = []
+        distances: list[float] = []
+        for _ in range(gradient_steps):
+            batch = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
+            with torch.no_grad():
+                after = self.q_net_target(batch.next_observations).max(dim=1, keepdim=True).values
+                target = batch.rewards + (1.0 - batch.dones) * self.gamma * after
+            values = self.q_net(batch.observations)
+            chosen = values.gather(1, batch.actions.long())
+            error = nn.functional.smooth_l1_loss(chosen, target.clamp(min=FLOOR))
+            loss = error
+            if self.anchor is not None:
+                with torch.no_grad():
+                    known = self.anchor(batch.observations)
+                assert isinstance(batch.observations, dict)
+                is_open = batch.observations["action_mask"] > 0
+                distance = (values - known)[is_open].square().mean()
+                loss = error + self.weight * distance
+                distances.append(distance.item())
+            self.policy.optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+            self.policy.optimizer.step()
+            losses.append(error.item())
+        self._n_updates += gradient_steps
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/loss", float(np.mean(losses)))
+        self.logger.record("train/action_value", chosen.mean().item())
+        if distances:
+            self.logger.record("train/anchor_distance", float(np.mean(distances)))
 
 
 @dataclass(frozen=True)
@@ -50,13 +110,21 @@ class Settings:
     """Share of random choices at the beginning."""
     exploration_end: float = 0.01
     """Share of random choices after the first half."""
+    anchor: float = 1.0
+    """Weight of staying close to the action values of --init, beside the Bellman error."""
+    average: float = 1.0
+    """Share of the newest weights, after each round of updates, in the running mean that is validated
+    and kept; 1: the newest weights alone."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_hidden(self.hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "learning_rate")
         check_positive(self, "buffer_size", "gradient_steps", "target_update")
-        check_share(self, "exploration", "exploration_end", "gamma")
+        check_share(self, "exploration", "exploration_end", "gamma", "average")
+        check_positive(self, "average")
+        if not 0.0 <= self.anchor < math.inf:
+            raise InvalidInputError("anchor", self.anchor, "zero or a positive number")
         check_at_most(self, 65_536, "num_envs", "n_steps", "batch_size")
         check_at_most(self, 100_000_000, "buffer_size")
         if self.learning_starts < 0:
@@ -64,60 +132,107 @@ class Settings:
             raise InvalidInputError("learning_starts", self.learning_starts, expected)
 
 
-def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> MaskedDQN:
-    """A DQN learner; its random numbers and the robots' come from ``seed``."""
-    return MaskedDQN(
-        MaskedDQNPolicy,
-        env,
-        learning_rate=falling(settings.learning_rate),
-        buffer_size=settings.buffer_size,
-        learning_starts=settings.learning_starts,
-        batch_size=settings.batch_size,
-        gamma=settings.gamma,
-        train_freq=settings.n_steps,
-        gradient_steps=settings.gradient_steps,
-        target_update_interval=settings.target_update,
-        exploration_initial_eps=settings.exploration,
-        exploration_final_eps=settings.exploration_end,
-        exploration_fraction=0.5,
-        policy_kwargs={"net_arch": list(settings.hidden), "activation_fn": nn.ReLU},
-        seed=seed,
-        device=device,
-    )
+class DQNLearner(Learner):
+    """DQN that can begin with the action values of a student, and stays close to them.
 
+    Args:
+        settings: How it learns.
+        env: The robots.
+        seed: Decides the weights that it begins with.
+        device: Where the networks learn.
+    """
 
-def initialise(model: MaskedDQN, network: Network, settings: Settings) -> None:
-    """Gives the action values a network's preferences."""
-    for q_net in (model.q_net, model.q_net_target):
-        load_weights(linear_layers(q_net.q_net), scaled(network, PREFERENCE))
+    name = "dqn"
+    model: AnchoredDQN
 
+    def __init__(self, settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> None:
+        model = AnchoredDQN(
+            MaskedDQNPolicy,
+            env,
+            learning_rate=falling(settings.learning_rate),
+            buffer_size=settings.buffer_size,
+            learning_starts=settings.learning_starts,
+            batch_size=settings.batch_size,
+            gamma=settings.gamma,
+            train_freq=settings.n_steps,
+            gradient_steps=settings.gradient_steps,
+            target_update_interval=settings.target_update,
+            exploration_initial_eps=settings.exploration,
+            exploration_final_eps=settings.exploration_end,
+            exploration_fraction=0.5,
+            policy_kwargs={"net_arch": list(settings.hidden), "activation_fn": nn.ReLU},
+            seed=seed,
+            device=device,
+        )
+        model.weight = settings.anchor
+        self._settings, layers = settings, linear_layers(model.q_net.q_net)
+        super().__init__(
+            model, layers, settings.timesteps, settings.learning_rate, settings.average
+        )
 
-def iterate(model: MaskedDQN, callback: BaseCallback, settings: Settings) -> None:
-    """Some decisions and the updates that follow."""
-    assert model.env is not None
-    assert model.replay_buffer is not None
-    model.collect_rollouts(
-        model.env,
-        callback,
-        TrainFreq(settings.n_steps, TrainFrequencyUnit.STEP),
-        model.replay_buffer,
-        learning_starts=0,  # SB3 would choose at random till then, whatever --init knows
-    )
-    if model.num_timesteps > settings.learning_starts:
-        model.train(settings.gradient_steps, settings.batch_size)
+    def begin(self, preferences: Network) -> None:
+        """Gives the action values a network's preferences, and keeps them as the anchor."""
+        self._load(scaled(preferences, PREFERENCE))
+        self._drop_anchor()
 
+    def network(self) -> Network:
+        """The action values as preferences."""
+        return scaled(self._averaged(), 1.0 / PREFERENCE)
 
-def extra_state(model: MaskedDQN) -> dict[str, Any]:
-    """What goes on beside the policy and its optimiser: the replay buffer and a counter."""
-    buffer = model.replay_buffer
-    assert isinstance(buffer, DictReplayBuffer)
-    rows = buffer.buffer_size if buffer.full else buffer.pos
-    return {
-        "pos": buffer.pos,
-        "full": buffer.full,
-        "calls": model._n_calls,
-        **{name: torch.from_numpy(array[:rows]) for name, array in _arrays(buffer).items()},
-    }
+    def critic(self, params: SnakeParams) -> None:
+        """None: a state is worth its best action value."""
+
+    def _drop_anchor(self) -> None:
+        model = self.model
+        model.q_net_target.load_state_dict(model.q_net.state_dict())
+        if self._settings.anchor > 0.0:
+            model.anchor = copy.deepcopy(model.q_net).requires_grad_(False)
+
+    def _round(self, callback: BaseCallback) -> None:
+        model, settings = self.model, self._settings
+        assert model.env is not None
+        assert model.replay_buffer is not None
+        model.collect_rollouts(
+            model.env,
+            callback,
+            TrainFreq(settings.n_steps, TrainFrequencyUnit.STEP),
+            model.replay_buffer,
+            learning_starts=0,  # SB3 would choose at random till then, whatever --init knows
+        )
+        if model.num_timesteps > settings.learning_starts:
+            model.train(settings.gradient_steps, settings.batch_size)
+
+    def saved(self) -> dict[str, Any]:
+        """Besides, the replay buffer, a counter, and the anchor."""
+        buffer, anchor = self.model.replay_buffer, self.model.anchor
+        assert isinstance(buffer, DictReplayBuffer)
+        rows = buffer.buffer_size if buffer.full else buffer.pos
+        return {
+            **super().saved(),
+            "pos": buffer.pos,
+            "full": buffer.full,
+            "calls": self.model._n_calls,
+            "anchor": None if anchor is None else anchor.state_dict(),
+            **{name: torch.from_numpy(array[:rows]) for name, array in _arrays(buffer).items()},
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Takes up what :meth:`saved` gave."""
+        model, buffer = self.model, self.model.replay_buffer
+        assert isinstance(buffer, DictReplayBuffer)
+        pos, full, calls = state["pos"], state["full"], state["calls"]
+        if type(pos) is not int or type(full) is not bool or type(calls) is not int or calls < 0:
+            raise TypeError("the replay buffer's counters")
+        if not 0 <= pos < buffer.buffer_size:
+            raise ValueError(f"position {pos} in a replay buffer of {buffer.buffer_size}")
+        if state["anchor"] is not None:
+            model.q_net.load_state_dict(state["anchor"])
+            self._drop_anchor()
+        super().restore(state)
+        buffer.pos, buffer.full, model._n_calls = pos, full, calls
+        rows = buffer.buffer_size if full else pos
+        for name, array in _arrays(buffer).items():
+            array[:rows] = state[name].numpy().reshape(rows, *array.shape[1:])
 
 
 def _arrays(buffer: DictReplayBuffer) -> dict[str, Any]:
@@ -126,25 +241,3 @@ def _arrays(buffer: DictReplayBuffer) -> dict[str, Any]:
     for part in ("observations", "next_observations"):
         arrays |= {f"{part}.{key}": array for key, array in getattr(buffer, part).items()}
     return arrays
-
-
-def set_extra_state(model: MaskedDQN, state: dict[str, Any]) -> None:
-    """Restores :func:`extra_state`."""
-    buffer = model.replay_buffer
-    assert isinstance(buffer, DictReplayBuffer)
-    pos, full, calls = state["pos"], state["full"], state["calls"]
-    if type(pos) is not int or type(full) is not bool or type(calls) is not int or calls < 0:
-        raise TypeError("the replay buffer's counters")
-    if not 0 <= pos < buffer.buffer_size:
-        raise ValueError(f"position {pos} in a replay buffer of {buffer.buffer_size}")
-    buffer.pos, buffer.full, model._n_calls = pos, full, calls
-    rows = buffer.buffer_size if full else pos
-    for name, array in _arrays(buffer).items():
-        array[:rows] = state[name].numpy().reshape(rows, *array.shape[1:])
-
-
-def network(model: MaskedDQN) -> Network:
-    """The action values as preferences."""
-    return scaled(
-        to_numpy(linear_layers(model.q_net.q_net), model.lr_schedule(1.0)), 1.0 / PREFERENCE
-    )

@@ -20,11 +20,11 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.labels import Decisions
-from agents.mlp import PREFERENCE, batches, build, from_numpy, linear_layers, scaled, to_numpy
-from snake_env.envs.reward import RewardWeights
+from agents.labels import REWARD, WORST, Decisions
+from agents.mlp import batches, build, from_numpy, linear_layers, scaled, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
+from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3.symmetric import Symmetric
@@ -32,11 +32,6 @@ from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
 
 _LARGEST = 32 * 2**30  # bytes of an array of lessons
-REWARD = RewardWeights()
-"""The env's reward, in whose units action values are learned."""
-INFEASIBLE = -3.0
-"""Action value of an infeasible mode: below all others, but not as far as a failure's return of -30,
-which would cost the others their resolution."""
 
 
 @dataclass(frozen=True)
@@ -111,18 +106,6 @@ def read_lessons(run: Path) -> list[Lessons]:
             expected = f"undamaged lessons ({error}; --overwrite begins again)"
             raise InvalidInputError("lessons", str(path), expected) from None
         parts.append(Lessons(observations.astype(np.float32), cost.astype(np.float16)))
-    return parts
-
-
-def lessons_of(run: Path) -> list[Lessons]:
-    """:func:`read_lessons` of a run that must have some.
-
-    Raises:
-        InvalidInputError: There are none, or they are damaged.
-    """
-    parts = read_lessons(run)
-    if not parts:
-        raise InvalidInputError("lessons", str(run), "the folder of a run of train imitate")
     return parts
 
 
@@ -216,4 +199,4 @@ def _loss(
 def action_values(costs: torch.Tensor) -> torch.Tensor:
     """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted."""
     value = REWARD.success + REWARD.time * costs
-    return torch.where(torch.isinf(costs), INFEASIBLE, value)
+    return torch.where(torch.isinf(costs), WORST, value)

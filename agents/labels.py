@@ -9,9 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.params import SnakeParams
+from snake_env.envs.reward import RewardWeights
 from snake_env.state import IntArray, StateBatch
 
+REWARD = RewardWeights()
+"""The env's reward, in whose units action values are learned."""
+WORST = -3.0
+"""Action value of what fails: below all others, but not as far as its return of -30, which would cost
+the others their resolution."""
 STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
 
 
@@ -59,18 +64,3 @@ def join(parts: Sequence[Decisions]) -> Decisions:
             for name in ("mask", "feasible", "cost_to_go")
         ),
     )
-
-
-def mirror_image(decisions: Decisions, params: SnakeParams) -> Decisions:
-    """The same decisions of the mirrored robots: the same modes, at the same cost."""
-    states = decisions.states
-    x, y, theta = (states.w - params.w_d).T
-    mirrored = dataclasses.replace(
-        states,
-        w=np.column_stack([x, -y, -theta]) + params.w_d,
-        phi=-states.phi,
-        target=-states.target,
-        ref_start=-states.ref_start,
-        last_turn=-states.last_turn,
-    )
-    return dataclasses.replace(decisions, states=mirrored)

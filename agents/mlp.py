@@ -13,12 +13,6 @@ from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.networks.model_file import LARGEST_OUTPUT
 from snake_env.networks.network import Network
 
-PREFERENCE = 0.03
-"""What a preference of one is worth in reward: preferences times this are action values.
-
-Every policy's file holds preferences, so PPO, whose logits they are, DQN and imitation can each begin
-with what another one has learned."""
-
 
 def scaled(network: Network, factor: float) -> Network:
     """A network whose outputs are so many times as large."""

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
+from agents.learner import Learner
 from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
 from snake_env.errors import InvalidInputError
+from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
+from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
+
+SHARPNESS = 3.0
+"""Multiplies the preferences that the actor begins with. A student's own are those of a soft maximum:
+drawn from them, too many modes are not the best one, and PPO would first have to learn what the student
+knows already."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +54,6 @@ class Settings:
     """Discount for an interval."""
     gae_lambda: float = 0.95
     """Decay of the generalised advantage estimate."""
-    init_sharpness: float = 1.0
-    """Multiplies the preferences of --init: the larger, the rarer a choice that is not the best one."""
     critic_first: int = 0
     """Decisions at the beginning from which only the critic learns: of use after --init."""
     average: float = 1.0
@@ -61,7 +65,7 @@ class Settings:
         check_hidden(self.hidden)
         check_hidden(self.critic_hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
-        check_positive(self, "learning_rate", "clip_range", "init_sharpness", "average")
+        check_positive(self, "learning_rate", "clip_range", "average")
         check_share(self, "gae_lambda", "gamma", "average")
         check_at_most(self, 65_536, "num_envs", "n_steps")
         if not 0.0 <= self.entropy < math.inf:
@@ -76,86 +80,70 @@ class Settings:
             raise InvalidInputError("batch_size", self.batch_size, expected)
 
 
-class AveragedPPO(PPO):
-    """PPO beside which a running mean of the actor's weights is kept.
+class PPOLearner(Learner):
+    """PPO whose actor and critic can begin with what others have learned.
 
-    Attributes:
-        average: The mean, over the layers of the actor.
+    Args:
+        settings: How it learns.
+        env: The robots.
+        seed: Decides the weights that it begins with.
+        device: Where the networks learn.
     """
 
-    average: AveragedModel
+    name = "ppo"
+    model: PPO
 
+    def __init__(self, settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> None:
+        model = PPO(
+            MaskedActorCriticPolicy,
+            env,
+            learning_rate=falling(settings.learning_rate),
+            n_steps=settings.n_steps,
+            batch_size=settings.batch_size,
+            n_epochs=settings.n_epochs,
+            gamma=settings.gamma,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip_range,
+            ent_coef=settings.entropy,
+            policy_kwargs={
+                "net_arch": {"pi": list(settings.hidden), "vf": list(settings.critic_hidden)},
+                "activation_fn": nn.ReLU,
+            },
+            seed=seed,
+            device=device,
+        )
+        policy = model.policy
+        actor = linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])
+        super().__init__(model, actor, settings.timesteps, settings.learning_rate, settings.average)
+        self._actor, self._critic_first = actor, settings.critic_first
+        self._reward = env.envs.core.options.weights
+        self._critic = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
 
-def build(settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> AveragedPPO:
-    """A PPO learner; its random numbers and the robots' come from ``seed``."""
-    model = AveragedPPO(
-        MaskedActorCriticPolicy,
-        env,
-        learning_rate=falling(settings.learning_rate),
-        n_steps=settings.n_steps,
-        batch_size=settings.batch_size,
-        n_epochs=settings.n_epochs,
-        gamma=settings.gamma,
-        gae_lambda=settings.gae_lambda,
-        clip_range=settings.clip_range,
-        ent_coef=settings.entropy,
-        policy_kwargs={
-            "net_arch": {"pi": list(settings.hidden), "vf": list(settings.critic_hidden)},
-            "activation_fn": nn.ReLU,
-        },
-        seed=seed,
-        device=device,
-    )
-    mean = get_ema_multi_avg_fn(1.0 - settings.average)  # type: ignore[no-untyped-call]
-    model.average = AveragedModel(nn.ModuleList(_actor(model)), multi_avg_fn=mean)
-    return model
+    def begin(self, preferences: Network) -> None:
+        """Gives the actor a network's preferences, sharper: see :data:`SHARPNESS`."""
+        self._load(scaled(preferences, SHARPNESS))
 
+    def begin_critic(self, value: Network) -> None:
+        """Gives the critic a value network's weights, from intervals into reward."""
+        load_weights(self._critic, scaled(value, self._reward.time))
+        with torch.no_grad():
+            self._critic[-1].bias.add_(self._reward.success)
 
-def initialise(model: AveragedPPO, network: Network, settings: Settings) -> None:
-    """Gives the actor a network's preferences."""
-    sharp = scaled(network, settings.init_sharpness)
-    for layers in (_actor(model), _mean_actor(model)):
-        load_weights(layers, sharp)
+    def network(self) -> Network:
+        """The actor's network: a preference for each mode."""
+        return self._averaged()
 
+    def critic(self, params: SnakeParams) -> Model:
+        """PPO's critic, from reward into intervals."""
+        learned = scaled(to_numpy(self._critic, self._learning_rate), 1.0 / self._reward.time)
+        *biases, last = learned.biases
+        offset = np.float32(self._reward.success / self._reward.time)
+        return Model("value", params, Network(learned.weights, [*biases, last - offset]))
 
-def initialise_critic(model: AveragedPPO, value: Network, reward: Mapping[str, float]) -> None:
-    """Gives the critic a value network's weights, from intervals into reward."""
-    policy = model.policy
-    layers = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
-    load_weights(layers, scaled(value, reward["time"]))
-    with torch.no_grad():
-        layers[-1].bias.add_(reward["success"])
-
-
-def iterate(model: AveragedPPO, callback: BaseCallback, settings: Settings) -> None:
-    """One rollout and the update that follows."""
-    assert model.env is not None
-    for layer in _actor(model):
-        layer.requires_grad_(model.num_timesteps >= settings.critic_first)
-    model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
-    model.train()
-    model.average.update_parameters(nn.ModuleList(_actor(model)))
-
-
-def extra_state(model: AveragedPPO) -> dict[str, Any]:
-    """What goes on beside the policy and its optimiser: the actor's mean."""
-    return model.average.state_dict()
-
-
-def set_extra_state(model: AveragedPPO, state: dict[str, Any]) -> None:
-    """Restores :func:`extra_state`."""
-    model.average.load_state_dict(state)
-
-
-def network(model: AveragedPPO) -> Network:
-    """The actor's network, averaged: a preference for each mode."""
-    return to_numpy(_mean_actor(model), model.lr_schedule(1.0))
-
-
-def _actor(model: AveragedPPO) -> list[nn.Linear]:
-    policy = model.policy
-    return linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])
-
-
-def _mean_actor(model: AveragedPPO) -> list[nn.Linear]:
-    return linear_layers(model.average.module.children())
+    def _round(self, callback: BaseCallback) -> None:
+        model = self.model
+        assert model.env is not None
+        for layer in self._actor:
+            layer.requires_grad_(model.num_timesteps >= self._critic_first)
+        model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
+        model.train()

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.labels import Decisions, join, mirror_image
+from agents.labels import Decisions, join
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.params import SnakeParams
-from snake_env.policies.search import best_of_each, expand
-from snake_env.policies.value import ValueFunction, load_value, network_value
+from snake_env.policies.search import expand
+from snake_env.policies.value import ValueFunction, network_value
 from snake_env.sim.episode import STILL
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
-from snake_env.sim.simulation import advance_batch, least_distances, predict_batch
+from snake_env.sim.simulation import advance_batch, predict_batch
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
-Teacher = Literal["lookahead", "analytic"]
 FAILURE = 30.0
 """What a mode costs from whose end the target is not reached, beside the mode itself [intervals]."""
-NEAR_LIMIT = 0.05
-"""How close to its limit a joint begins in some episodes, at most [rad]."""
 FEW = 3
 """A state with at most so many feasible modes is near a deadlock."""
 _SIDE_BY_SIDE = 64  # episodes
@@ -35,66 +31,20 @@ _LONGEST = 40  # an episode is left after so many decisions
 _NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
 
 
-def judge(
-    states: StateBatch,
-    teacher: Teacher,
-    params: SnakeParams,
-    depth: int = 0,
-    value: ValueFunction | None = None,
-) -> Decisions:
-    """What a teacher says about every mode of some states.
+def judge(states: StateBatch, value: ValueFunction, params: SnakeParams) -> Decisions:
+    """What every mode of some states would cost: the mode itself, and what its end is worth.
 
     Args:
         states: N states that have not reached their target.
-        teacher: ``lookahead`` searches ``depth`` intervals beyond each mode's end and takes the value
-            of the best leaf there; ``analytic`` plays (21) from there to the end.
+        value: What ends are worth.
         params: The constants.
-        depth: Intervals that ``lookahead`` searches; each costs as many roll-outs as (21) for every
-            state that it begins with.
-        value: What ``lookahead`` takes values from; default: what ships for these robots.
     """
     tree = expand(states, params)
-    if teacher == "analytic":
-        after = _analytic_to_go(tree.states, params)
-    else:
-        after = _to_go(tree.states, value or load_value(params), params, depth)
+    after = np.clip(value(tree.states), 0.0, FAILURE)
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
-    cost[tree.parent, tree.mode] = 1.0 + np.minimum(after, FAILURE)
+    cost[tree.parent, tree.mode] = 1.0 + after
     return Decisions(states, action_masks(states, "instant", params), np.isfinite(cost), cost)
-
-
-def _to_go(states: StateBatch, value: ValueFunction, params: SnakeParams, depth: int) -> FloatArray:
-    """The value of each state's best descendant ``depth`` intervals on, and the way there."""
-    result = np.maximum(value(states), 0.0)
-    open_ = np.flatnonzero(states.phase <= params.n_joints)
-    if depth == 0 or len(open_) == 0:
-        return result
-    tree = expand(states.take(open_), params)
-    beyond = 1.0 + _to_go(tree.states, value, params, depth - 1)
-    best = np.full(len(open_), FAILURE)
-    np.minimum.at(best, tree.parent, beyond)
-    result[open_] = best
-    return result
-
-
-def _analytic_to_go(states: StateBatch, params: SnakeParams) -> FloatArray:
-    """Intervals that (21) needs from each state to the end; :data:`FAILURE` where it deadlocks."""
-    result = np.full(len(states), FAILURE)
-    now, of = states, np.arange(len(states))
-    for depth in range(int(FAILURE)):
-        reached = now.phase > params.n_joints
-        result[of[reached]] = depth
-        now, of = now.take(np.flatnonzero(~reached)), of[~reached]
-        if len(of) == 0:
-            break
-        parent, mode = np.nonzero(mode_table(params.n_joints).masks(now.phase))
-        j = predict_batch(now.take(parent), mode, params).j
-        best = best_of_each(parent, j)
-        best = best[np.isfinite(j[best])]  # the others deadlock
-        now, _ = advance_batch(now.take(parent[best]), mode[best], params)
-        of = of[parent[best]]
-    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,29 +54,21 @@ class Visit:
     Attributes:
         seed: The collection's seed.
         part: The shard's number.
-        decisions: How many, before mirrored copies are added.
-        teacher: Who judges the modes.
-        depth: See :func:`judge`.
-        value: The network that ``lookahead`` takes values from; None: what ships for these robots.
+        decisions: How many.
+        value: The network that says what ends are worth.
         student: Whose states are visited: a network that prefers modes; None: the teacher's own, with
             noise in its choices.
         overweight: How many times as often as others those states are kept in which the student's
             choice is infeasible or, without a student, those near a deadlock.
-        mirrored: Whether the mirror image of each decision is added.
-        near_limits: Share of the episodes in which a joint begins close to its limit.
         params: The constants.
     """
 
     seed: int
     part: int
     decisions: int
-    teacher: Teacher
-    depth: int
-    value: Network | None
+    value: Network
     student: Network | None
     overweight: float
-    mirrored: bool
-    near_limits: float
     params: SnakeParams
 
 
@@ -135,7 +77,6 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
 
     States in which the phase allows a single mode are no decisions.
     """
-    params = shard.params
     kept: list[Decisions] = []
     wave, missing = 0, shard.decisions
     while missing > 0:
@@ -148,10 +89,7 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
             if missing == 0:
                 break
         wave += 1
-    decisions = join(kept)
-    if shard.mirrored:
-        decisions = join([decisions, mirror_image(decisions, params)])
-    return shard.part, decisions
+    return shard.part, join(kept)
 
 
 def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[Decisions]:
@@ -161,8 +99,6 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     """
     params = shard.params
     phi0, target = random_tasks(rng.spawn(count), params)
-    if shard.near_limits > 0.0:
-        phi0 = _near_limits(phi0, shard.near_limits, params, rng)
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
@@ -181,21 +117,6 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
         states, scale = states.take(open_), scale[going][open_]
         if len(states) == 0:
             return
-
-
-def _near_limits(
-    phi0: FloatArray, share: float, params: SnakeParams, rng: np.random.Generator
-) -> FloatArray:
-    """Initial shapes of which a share has a joint close to its limit, where links allow that."""
-    count, n = phi0.shape
-    chosen = np.flatnonzero(rng.random(count) < share)
-    joints = rng.integers(n, size=len(chosen))
-    margins = rng.uniform(0.0, NEAR_LIMIT, len(chosen))
-    moved = phi0.copy()
-    moved[chosen, joints] = np.copysign(params.phi_limit - margins, phi0[chosen, joints])
-    apart = least_distances(moved, params) >= params.d_collision
-    result: FloatArray = np.where(apart[:, None], moved, phi0)
-    return result
 
 
 def _of_teacher(
@@ -242,9 +163,8 @@ def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams
 
 
 def _judged(states: StateBatch, shard: Visit) -> Decisions:
-    """What the shard's teacher says about some states."""
-    value = None if shard.value is None else network_value(shard.value, shard.params)
-    return judge(states, shard.teacher, shard.params, shard.depth, value)
+    """What the teacher says about some states."""
+    return judge(states, network_value(shard.value, shard.params), shard.params)
 
 
 def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:

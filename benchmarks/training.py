@@ -15,9 +15,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import CallbackList
-from stable_baselines3.common.logger import Logger
 
-from agents import ppo
+from agents.ppo import PPOLearner, Settings
 from harness.command import exit_code
 from harness.options import parse
 from snake_env.params import SnakeParams
@@ -52,25 +51,22 @@ def main(args: list[str] | None = None) -> int:
     options = parse(Options, "python -m benchmarks.training", args)
     torch.set_num_threads(1)
     warm_up(SnakeParams())
-    settings = ppo.Settings()
+    settings = Settings()
     seconds = {"snake_env": 0.0, "zero-cost env": 0.0}
     learners = []
     for env_class in (SnakeVecEnv, _Free):
         env = env_class(settings.num_envs, mask_in_observation=True)
-        model = ppo.build(settings, env, seed=0, device="cpu")
-        model.set_logger(Logger(folder=None, output_formats=[]))
-        _, callback = model._setup_learn(settings.timesteps, CallbackList([]))
-        learners.append((model, callback))
-        ppo.iterate(model, callback, settings)
-    for _ in range(options.rounds):
-        for name, (model, callback) in zip(seconds, learners, strict=True):
+        learners.append(PPOLearner(settings, env, seed=0, device="cpu"))
+    frames = settings.num_envs * settings.n_steps
+    for round_ in range(options.rounds + 1):
+        for name, learner in zip(seconds, learners, strict=True):
             began = time.perf_counter()
-            ppo.iterate(model, callback, settings)
-            seconds[name] += time.perf_counter() - began
-    frames = options.rounds * settings.num_envs * settings.n_steps
+            learner.learn(frames * (round_ + 1), round_, CallbackList([]), lambda *_: None)
+            if round_ > 0:  # the first one warms up
+                seconds[name] += time.perf_counter() - began
     print(f"PPO, {settings.num_envs} robots, hidden {settings.hidden}, one torch thread")
     for name, spent in seconds.items():
-        print(f"{name:14} {frames / spent:8.0f} frames/s")
+        print(f"{name:14} {options.rounds * frames / spent:8.0f} frames/s")
     share = seconds["zero-cost env"] / seconds["snake_env"]
     print(f"{share:.0%} of the learner's ceiling")
     return 0

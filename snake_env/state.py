@@ -177,8 +177,8 @@ class StateBatch:
             if dtype is np.int64 and as_integer(value) is None:
                 raise InvalidInputError(f"state.{name}", value, "an integer")
             shape = (count, *value.shape) if isinstance(value, np.ndarray) else count
-            fields[name] = copies = np.empty(shape, dtype=dtype)
-            copies[...] = value
+            fields[name] = np.empty(shape, dtype=dtype)
+            fields[name][...] = value
         return cls(**fields)
 
     @classmethod

@@ -21,6 +21,7 @@ COMMANDS = {
     "ppo": "a policy by proximal policy optimisation",
     "dqn": "action values by deep Q-learning",
     "harvest": "tasks that a policy loses to wrong choices, to learn from",
+    "recipe": "all of these in a row, from random weights",
     "export": "ship the best model of a run with the package",
 }
 """What can be trained or made; each is a module of this package with ``Options`` and ``train``."""

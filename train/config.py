@@ -41,18 +41,29 @@ def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
         return parse(options, prog, words, about=_HELP)
     if len(files) > 1:
         raise InvalidInputError("config", files, "one file")
-    given = _read(Path(files[0]))
+    given = read_yaml(Path(files[0]))
     required = {
         field.name: tyro.MISSING
         for field in dataclasses.fields(options)  # type: ignore[arg-type]
         if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     }
-    default, used = _replace(options(**required), given)
-    unknown = sorted(set(given) - used)
-    if unknown:
-        raise UnknownNameError("option in the config", unknown[0], _names(default))
+    default = replaced(options(**required), given)
     parsed: T = parse(options, prog, words, default, about=_HELP)
     return parsed
+
+
+def replaced(options: T, given: Mapping[str, Any]) -> T:
+    """Options with some values replaced, by name.
+
+    Raises:
+        SnakeEnvError: There is no such option, or its value has the wrong type.
+    """
+    changed, used = _replace(options, given)
+    unknown = sorted(set(given) - used)
+    if unknown:
+        raise UnknownNameError("option in the config", unknown[0], _names(changed))
+    result: T = changed
+    return result
 
 
 def _split(args: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -80,7 +91,12 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A mapping of names to values.
+
+    Raises:
+        InvalidInputError: The file is none, or holds something else.
+    """
     try:
         content = yaml.load(read_text(path, _LARGEST), _Loader)
     except FileError as error:

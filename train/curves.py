@@ -10,7 +10,7 @@ from train.records import read_log
 
 _PANELS = (
     ("success rate, raw", "raw_success"),
-    ("success rate, shielded", "shielded_success"),
+    ("success rate, +critic", "critic_success"),
     ("mean time of successes, raw [s]", "raw_time_s"),
 )
 

@@ -30,7 +30,7 @@ class Options:
 def train(options: Options, console: Console) -> Path:
     """Trains; the best model's file."""
     return rl.train(
-        dqn,
+        dqn.DQNLearner,
         options.settings,
         options.run,
         options.robot,

@@ -118,8 +118,8 @@ def _name(algorithm: str, params: dict[str, Any]) -> str:
 def _card(name: str, model: Model, about: dict[str, Any]) -> str:
     config, validation = about["config"], model.made.get("validation")
     figures = (
-        f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s, shielded "
-        f"{validation['shielded_success']:.1%} in {validation['shielded_time_s']:.1f} s"
+        f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s, +critic "
+        f"{validation['critic_success']:.1%} in {validation['critic_time_s']:.1f} s"
         f" on the first {config['validation_tasks']:,} of 2,000 tasks of `validation-2k`"
         if validation
         else "none"

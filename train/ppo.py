@@ -33,7 +33,7 @@ class Options:
 def train(options: Options, console: Console) -> Path:
     """Trains; the best model's file."""
     return rl.train(
-        ppo,
+        ppo.PPOLearner,
         options.settings,
         options.run,
         options.robot,

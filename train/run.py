@@ -82,6 +82,7 @@ class RunFolder:
         algorithm: What learns.
         robot: The robot; with the algorithm and the seed it names the folder where ``run`` does not.
         config: What decides the result; a resumed run must have the same.
+        layout: What the folder holds.
 
     Attributes:
         path: The folder.
@@ -91,12 +92,19 @@ class RunFolder:
         InvalidInputError: The folder can't be used, or holds another run.
     """
 
-    def __init__(self, run: Run, algorithm: str, robot: Robot, config: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        run: Run,
+        algorithm: str,
+        robot: Robot,
+        config: dict[str, Any],
+        layout: Layout = LAYOUT,
+    ) -> None:
         self.path = run.folder(f"{algorithm}-{robot.name}")
         self.config = json.loads(json.dumps(config, default=str))
         self.digest = hashlib.sha256(json.dumps(self.config, sort_keys=True).encode()).hexdigest()
         self._algorithm = algorithm
-        self._held = held(self.path, LAYOUT, overwrite=run.overwrite, resume=run.resume)
+        self._held = held(self.path, layout, overwrite=run.overwrite, resume=run.resume)
         self._log = self.path / "log.csv"
 
     def __enter__(self) -> RunFolder:

@@ -3,43 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import io
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from harness.command import PlainConsole
 from harness.engine import Engine
 from harness.files import write_atomically
 from harness.folder import writable_folder
 from harness.progress import progress
-from harness.provenance import begin, words_without
+from harness.provenance import words_without
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model
+from train.jobs import Job, run
 from train.validation import quality
 
 _FIGURES = {
     "raw_success": ("raw success", "{:.2%}"),
     "raw_time_s": ("time [s]", "{:.2f}"),
-    "shielded_success": ("shielded success", "{:.2%}"),
-    "shielded_time_s": ("time [s] ", "{:.2f}"),
+    "critic_success": ("+critic success", "{:.2%}"),
+    "critic_time_s": ("time [s] ", "{:.2f}"),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class _Seed:
-    """One of the runs: the command, its options and the words that they came from."""
-
-    command: str
-    options: Any
-    words: list[str]
 
 
 def train_seeds(command: str, options: Any, words: Sequence[str], console: Console) -> None:
@@ -58,34 +46,25 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
     runs = []
     for seed in range(options.run.seed, options.run.seed + options.run.seeds):
         out = _folder(command, options, f"s{seed}")
-        run = dataclasses.replace(options.run, seed=seed, seeds=1, out=out)
-        own = dataclasses.replace(options, run=run, engine=Engine(workers=1))
-        runs.append(_Seed(command, own, [*shared, "--seed", str(seed)]))
+        alone = dataclasses.replace(options.run, seed=seed, seeds=1, out=out)
+        own = dataclasses.replace(options, run=alone, engine=Engine(workers=1))
+        runs.append(Job(command, own, [*shared, "--seed", str(seed)]))
     label = f"{command}, {len(runs)} seeds"
     with (
         progress(console, len(runs), "runs") as advance,
-        closing(options.engine.map(_train, runs)) as finished,
+        closing(options.engine.map(run, runs)) as finished,
     ):
         for path in finished:
             advance(label, 1)
             console.print(f"{path}: done", soft_wrap=True)
     folder = _folder(command, options, "seeds")
-    _report(folder, [run.options.run.out for run in runs], console)
+    _report(folder, [job.options.run.out for job in runs], console)
 
 
 def _folder(command: str, options: Any, suffix: str) -> Path:
     """``--out``, or what stands for it, with a suffix."""
     name = options.run.out or Path("runs") / f"{command}-{options.robot.name}"
     return name.with_name(f"{name.name}-{suffix}")
-
-
-def _train(seed: _Seed) -> Path:
-    """Trains one of the runs, in silence; its folder. A run that is done is left alone."""
-    begin("python -m train", seed.words)
-    module: Any = importlib.import_module(f"train.{seed.command}")
-    module.train(seed.options, PlainConsole(file=io.StringIO()))
-    folder: Path = seed.options.run.out
-    return folder
 
 
 def _report(folder: Path, runs: Sequence[Path], console: Console) -> None:

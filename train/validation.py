@@ -10,7 +10,7 @@ from evaluate.protocol import Shard, run_shard
 from evaluate.statistics import summarise
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.policies.registry import SHIELD
+from snake_env.policies.registry import CRITIC
 from snake_env.sim.tasks import load_tasks
 
 SUITE = "validation-2k"
@@ -21,7 +21,7 @@ class Validation:
     """How a policy is validated while it learns."""
 
     validation_tasks: int = 500
-    """Tasks of validation-2k that it is tried on, raw and shielded."""
+    """Tasks of validation-2k that it is tried on, raw and with its critic."""
 
     def check(self) -> None:
         """Raises InvalidInputError where the number can't be used."""
@@ -29,12 +29,12 @@ class Validation:
             raise InvalidInputError("validation_tasks", self.validation_tasks, "1 to 2000")
 
     def __call__(self, model: Path, params: SnakeParams) -> dict[str, float]:
-        """Success rate, mean time and roll-outs per decision of a model file, raw and shielded."""
+        """Success rate, mean time and roll-outs per decision, raw and with the critic."""
         suite = load_tasks(SUITE, params)
         tasks = list(range(self.validation_tasks))
         states = [suite.initial(task, params) for task in tasks]
         figures: dict[str, float] = {}
-        for label, policy in (("raw", str(model)), ("shielded", f"{model}{SHIELD}")):
+        for label, policy in (("raw", str(model)), ("critic", f"{model}{CRITIC}")):
             rows = run_shard(Shard(policy, tasks, states, params))
             summary: dict[str, Any] = summarise(rows, (), params)
             figures[f"{label}_success"] = round(summary["success_rate"], 5)

@@ -51,8 +51,11 @@ class Options:
     """Rounds of playing and fitting."""
     episodes: int = 8192
     """Random tasks that are played in each."""
-    trace_decay: float = 1.0
-    """Lambda of TD(lambda): less than 1 trusts the present value for what lies further ahead."""
+    trace_decay: float = 0.7
+    """Lambda of TD(lambda), after the generations of --exact: less than 1 trusts the present value for
+    what lies further ahead, and what is learned from scatters less."""
+    exact: int = 4
+    """Generations at the beginning that learn from exact returns, as no value can be trusted yet."""
     window: int = 5
     """Generations whose returns the network is fitted to."""
 
@@ -64,6 +67,8 @@ class Options:
         """
         check_positive(self, "generations", "episodes", "window")
         check_share(self, "trace_decay")
+        if self.exact < 0:
+            raise InvalidInputError("exact", self.exact, "zero or a positive number")
         if self.distil and self.init is None:
             raise InvalidInputError("distil", True, "--init: whose values are to be learned")
         self.fit.check()
@@ -92,7 +97,7 @@ def train(options: Options, console: Console) -> Path:
         "init": None if init is None else str(init),
         **{
             key: getattr(options, key)
-            for key in ("distil", "generations", "episodes", "trace_decay", "window")
+            for key in ("distil", "generations", "episodes", "trace_decay", "exact", "window")
         },
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
@@ -108,10 +113,11 @@ def train(options: Options, console: Console) -> Path:
         )
         if rows:
             network = read_model(_kept(folder.path, len(rows) - 1)).network
-        trace_decay = None if options.distil else options.trace_decay
         torch.set_num_threads(1)
         warm_up(params)
         for generation in range(len(rows), options.generations):
+            trusting = options.trace_decay if generation >= options.exact else 1.0
+            trace_decay = None if options.distil else trusting
             player = begun if options.distil or network is None else network
             parts = [
                 Play(

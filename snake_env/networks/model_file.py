@@ -29,6 +29,11 @@ LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
 """Weights that may lead to larger outputs are refused: float32 would overflow."""
+PREFERENCE = 0.03
+"""What a preference of one is worth in reward: preferences times this are action values.
+
+Every policy's file holds preferences, so PPO, whose logits they are, DQN and imitation can each begin
+with what another one has learned."""
 Kind = Literal["value", "quick-value", "policy"]
 """What the outputs are: the intervals that a state still needs, or a preference for each mode.
 

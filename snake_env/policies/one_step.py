@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from snake_env.params import SnakeParams
 from snake_env.policies.base import CANDIDATES
 from snake_env.policies.ends import ends
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.search import expand
 from snake_env.policies.value import NetworkValue, ValueFunction, load_value
 from snake_env.sim.optimizer import AnalyticOptimizer
+from snake_env.sim.simulation import predict, successors
 from snake_env.state import IntArray, SnakeState, StateBatch
 
-CREEPING = 0.01
+CREEPING = 0.05
 """Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
 joint comes close to its limit, and a network that prefers one of them would do so again and again."""
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A mode to execute, and whether it leads somewhere (:data:`CREEPING`)."""
+
+    mode: int
+    leads: bool
+
+
 def best_mode(
     state: SnakeState, modes: IntArray, value: ValueFunction, params: SnakeParams
-) -> int | None:
+) -> Choice | None:
     """The mode whose end needs the fewest intervals, of those that are feasible and let no links touch.
 
-    Modes that lead nowhere (:data:`CREEPING`) are left out while there are others. Ties go to the mode
-    that comes first.
+    Modes that lead nowhere are left out while there are others. Ties go to the mode that comes first.
 
     Args:
         state: The robot at t_k.
@@ -33,25 +42,25 @@ def best_mode(
         params: The constants.
 
     Returns:
-        The mode; None where none can be executed.
+        The choice; None where no mode can be executed.
     """
     if isinstance(value, NetworkValue):
         found = ends(state, modes, params)  # a network needs no more than what is seen there
         executable, turn = found.executable, found.turn
     else:
-        tree = expand(StateBatch.stack([state]), params)
-        executable = np.isin(modes, tree.mode)
-        turn = np.full(len(modes), np.inf)
-    kept = np.flatnonzero(executable & (turn >= CREEPING))
-    if len(kept) == 0:
-        kept = np.flatnonzero(executable)
+        prediction = predict(state, modes, params)
+        executable = prediction.feasible & (prediction.d_min >= params.d_touch)
+        turn = np.abs(prediction.phi - state.phi).max(axis=1)
+    leads = executable & (turn >= CREEPING)
+    kept = np.flatnonzero(leads if leads.any() else executable)
     if len(kept) <= 1:
-        return int(modes[kept[0]]) if len(kept) else None
+        return Choice(int(modes[kept[0]]), bool(leads.any())) if len(kept) else None
     if isinstance(value, NetworkValue):
         worth = value.of_observed(found.observations.take(kept, axis=0), found.reached[kept])
     else:
-        worth = value(tree.states.take(np.searchsorted(tree.mode, modes[kept])))
-    return int(modes[kept[np.argmin(worth)]])
+        before = StateBatch.repeat(state, len(kept))
+        worth = value(successors(before, modes[kept], prediction.take(kept), params))
+    return Choice(int(modes[kept[np.argmin(worth)]]), bool(leads.any()))
 
 
 class ValuePolicy:
@@ -83,9 +92,9 @@ class ValuePolicy:
         """The feasible mode of best value; where none is feasible, the one that holds out longest."""
         valid = self._optimizer.modes(state.phase)
         self.rollouts += len(valid)
-        mode = best_mode(state, valid, self._value, self.params)
-        if mode is not None:
-            return mode
+        choice = best_mode(state, valid, self._value, self.params)
+        if choice is not None:
+            return choice.mode
         selection = self._optimizer.select(state)
         self.rollouts += len(selection.modes)
         return selection.last_resort
@@ -94,8 +103,8 @@ class ValuePolicy:
 class CriticPolicy:
     """A learned policy's favourites, simulated; a critic decides between their ends.
 
-    Where none of the favourites can be executed, its next ones are simulated, then all modes: (21)
-    decides, and in a deadlock what holds out longest.
+    Where none of the favourites leads anywhere, its next ones are simulated, then all others; where no
+    mode can be executed, (21) finds the one that holds out longest.
 
     Args:
         policy: Ranks the modes, without roll-outs.
@@ -118,12 +127,16 @@ class CriticPolicy:
     def select_mode(self, state: SnakeState) -> int:
         """The favourite whose end the critic values most."""
         ranked = self._policy.ranking(state)
-        for first in (0, self._k):
-            favourites = ranked[first : first + self._k]
+        creeping = None
+        for first, last in ((0, self._k), (self._k, 2 * self._k), (2 * self._k, len(ranked))):
+            favourites = ranked[first:last]
             self.rollouts += len(favourites)
-            mode = best_mode(state, favourites, self._value, self._params)
-            if mode is not None:
-                return mode
+            choice = best_mode(state, favourites, self._value, self._params)
+            if choice is not None and choice.leads:
+                return choice.mode
+            creeping = creeping or choice
+        if creeping is not None:
+            return creeping.mode
         selection = self._optimizer.select(state)
         self.rollouts += len(selection.modes)
         return selection.last_resort

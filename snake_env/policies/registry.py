@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib.resources
 import inspect
@@ -23,9 +24,9 @@ from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CriticPolicy, ValuePolicy
 from snake_env.policies.shield import ShieldedPolicy
 from snake_env.policies.value import (
+    ActionValue,
     NetworkValue,
     ValueFunction,
-    load_value,
     pretrained,
     shipped,
 )
@@ -123,7 +124,10 @@ def _learned(name: str) -> Callable[..., Policy]:
             joints = sorted({each.params.n_joints for each in shipped(name)})
             expected = f"{' or '.join(map(str, joints))}, for which {name} ships"
             raise InvalidInputError("n_joints", params.n_joints, expected)
-        return NetworkPolicy(params, model, transfer)
+        critic = pretrained(
+            params, "value", "lookahead", transfer=transfer
+        )  # shared, so shipped once
+        return NetworkPolicy(params, dataclasses.replace(model, critic=critic), transfer)
 
     return policy
 
@@ -191,16 +195,16 @@ def load_policy(
 def _with_critic(
     policy: Policy, title: str, k: float, params: SnakeParams, transfer: bool
 ) -> CriticPolicy:
-    """A learned policy with the critic that its model holds, or that ships for its robot."""
+    """A learned policy with the critic that its model holds, or with its own action values."""
     if not isinstance(policy, NetworkPolicy):
         raise InvalidInputError("policy", f"{title}{CRITIC}", "a learned policy before +critic")
     number = as_integer(k)
     if number is None or number < 1:
         raise InvalidInputError("k", k, "a positive integer")
-    if policy.model.critic is not None:
-        value: ValueFunction = NetworkValue(policy.model.critic, params, transfer)
-    else:
-        value = load_value(params, ("value", "lookahead"), transfer)
+    critic = policy.model.critic
+    value: ValueFunction = (
+        NetworkValue(critic, params, transfer) if critic else ActionValue(policy.model, params)
+    )
     return CriticPolicy(policy, value, params, number)
 
 

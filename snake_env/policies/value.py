@@ -9,11 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.envs.reward import potential
-from snake_env.networks.model_file import Model, read_model
+from snake_env.envs.reward import RewardWeights, potential
+from snake_env.networks.model_file import PREFERENCE, Model, read_model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork
 from snake_env.params import SnakeParams
+from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
 from snake_env.state import FloatArray, StateBatch
 
@@ -76,6 +77,30 @@ class NetworkValue:
         estimates = self._asked(observations)[:, 0].astype(np.float64)
         estimates[reached] = 0.0
         return estimates
+
+
+class ActionValue:
+    """What a policy's own action values say: a state is worth its best mode.
+
+    Args:
+        model: Of the kind ``policy``; its preferences are action values, as those of ``train dqn`` and
+            ``train imitate`` are.
+        params: The constants.
+    """
+
+    def __init__(self, model: Model, params: SnakeParams) -> None:
+        self._params = params
+        self._network = SymmetricNetwork(model.network, params.n_joints)
+
+    def __call__(self, states: StateBatch) -> FloatArray:
+        """The return of the best mode, in intervals."""
+        preferences = self._network(observe(states, self._params)).astype(np.float64)
+        preferences[~action_masks(states, "instant", self._params)] = -np.inf
+        weights = RewardWeights()
+        best = PREFERENCE * preferences.max(axis=1)
+        intervals: FloatArray = (best - weights.success) / weights.time
+        intervals[states.phase > self._params.n_joints] = 0.0
+        return intervals
 
 
 @functools.lru_cache(maxsize=4)

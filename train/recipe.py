@@ -1,0 +1,181 @@
+"""``python -m train recipe``: from random weights to policies, in one command."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import shlex
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from harness.engine import Engine
+from harness.folder import Layout
+from harness.progress import progress
+from harness.provenance import command
+from harness.robot import Robot
+from snake_env.errors import InvalidInputError, UnknownNameError
+from train.config import read_yaml, replaced
+from train.jobs import Job, run
+from train.models import comparison, ship
+from train.run import Run, RunFolder
+
+RECIPES = Path(__file__).parent.parent / "agents" / "recipes"
+STAGES = {
+    "value": "what a state is worth, by policy iteration",
+    "critic": "the same, in a small network that answers at once",
+    "imitate": "a student, taught what every mode would cost",
+    "harvest": "tasks that the student loses to its own choices",
+    "ppo": "the student, improved by its own experience",
+    "dqn": "the student's action values, improved likewise",
+    "models": "what comes of it, on tasks of validation-2k",
+}
+"""The stages and what they make."""
+ORDER = (("value",), ("critic",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
+"""Steps; the stages of a step run side by side."""
+LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "log.csv", *STAGES))
+"""What the folder of a recipe holds: a folder for each stage."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Train everything for a robot, from random weights: value networks, a student, PPO and DQN.
+
+    Each stage is a command of its own, learns from those before it, and has a folder in the recipe's.
+    """
+
+    run: Run = field(default_factory=Run)
+    robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
+    budget: Annotated[str, tyro.conf.arg(metavar="quick|full|FILE.yaml")] = "quick"
+    """quick: half an hour on two cores. full: what ships, about two hours. Or a file with the options
+    of each stage, as those of these two in agents/recipes/."""
+    tasks: int = 500
+    """Tasks of validation-2k on which the policies are compared at the end."""
+
+
+def train(options: Options, console: Console) -> Path:
+    """Runs all stages, or those that an interrupted run has left.
+
+    Returns:
+        The folder with the models.
+    """
+    params = options.robot.params()
+    options.engine.check()
+    if not 1 <= options.tasks <= 2000:
+        raise InvalidInputError("tasks", options.tasks, "1 to 2000")
+    given = _recipe(options.budget)
+    asked = {
+        "budget": options.budget,
+        "stages": given,
+        "tasks": options.tasks,
+        "seed": options.run.seed,
+        "params": dataclasses.asdict(params),
+    }
+    name = f"recipe-{Path(options.budget).stem}"
+    with RunFolder(options.run, name, options.robot, asked, LAYOUT) as folder:
+        rows = folder.rows("step")
+        models = folder.path / "models"
+        for step, level in enumerate(ORDER, 1):
+            if step <= len(rows):
+                continue
+            began = time.monotonic()
+            for stage in level:
+                console.print(f"step {step} of {len(ORDER)}: {stage}: {STAGES[stage]}")
+            if level == ("models",):
+                made = {
+                    "command": command(),
+                    "budget": options.budget,
+                    "seed": options.run.seed,
+                    "stages": given,
+                }
+                ship(folder.path, models, params, made, options.tasks, options.engine)
+            else:
+                jobs = [_job(stage, given[stage], options, folder.path) for stage in level]
+                _run_all(jobs, options.engine, console)
+            minutes = (time.monotonic() - began) / 60.0
+            rows.append({"step": str(step), "minutes": f"{minutes:.2f}"})
+            folder.write_rows(rows)
+            console.print(f"step {step} of {len(ORDER)}: {minutes:.1f} minutes")
+        console.print(comparison(models))
+        console.print(f"models: {models}", soft_wrap=True)
+        return models
+
+
+def _recipe(budget: str) -> dict[str, dict[str, Any]]:
+    """The options of each stage.
+
+    Raises:
+        SnakeEnvError: There is no such file, or a stage is missing or unknown.
+    """
+    known = sorted(path.stem for path in RECIPES.glob("*.yaml"))
+    if budget not in known and not budget.endswith((".yaml", ".yml")):
+        raise UnknownNameError("budget", budget, [*known, "FILE.yaml"])
+    given = read_yaml(RECIPES / f"{budget}.yaml" if budget in known else Path(budget))
+    stages = [stage for stage in STAGES if stage != "models"]
+    for name in given:
+        if name not in stages:
+            raise UnknownNameError("stage in the recipe", name, stages)
+    for stage in stages:
+        if not isinstance(given.setdefault(stage, {}), dict):
+            raise InvalidInputError(stage, given[stage], "a mapping of options to values")
+    return given
+
+
+def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -> Job:
+    """A stage as a command, with the paths of what it learns from."""
+    value, critic = folder / "value/value.safetensors", folder / "critic/value.safetensors"
+    student, tasks = folder / "imitate/last.safetensors", folder / "harvest/tasks.npz"
+    paths: dict[str, dict[str, Any]] = {
+        "critic": {"init": value, "distil": True},
+        "imitate": {"value": value, "critic": critic},
+        "harvest": {"policy": student},
+        "ppo": {"init": student, "init_critic": value, "critic": critic, "tasks": str(tasks)},
+        "dqn": {"init": student, "critic": critic, "tasks": str(tasks)},
+    }
+    name = "value" if stage == "critic" else stage
+    module: Any = importlib.import_module(f"train.{name}")
+    own = paths.get(stage, {})
+    required = {"value": own["value"]} if stage == "imitate" else {}
+    shared = {"robot": options.robot, "engine": options.engine}
+    if stage == "harvest":
+        shared |= {"out": folder / stage, "seed": options.run.seed, "resume": True}
+    else:
+        shared["run"] = Run(out=folder / stage, seed=options.run.seed, resume=True)
+    chosen = replaced(module.Options(**required), given)
+    return Job(name, dataclasses.replace(chosen, **_nested(chosen, own), **shared), _words())
+
+
+def _nested(options: Any, paths: Mapping[str, Any]) -> dict[str, Any]:
+    """Values for fields of some options, or of a group among them."""
+    names = {each.name for each in dataclasses.fields(options)}
+    changes = {name: value for name, value in paths.items() if name in names}
+    rest = {name: value for name, value in paths.items() if name not in names}
+    if rest:  # those of the training loop
+        changes["loop"] = dataclasses.replace(options.loop, **rest)
+    return changes
+
+
+def _run_all(jobs: Sequence[Job], engine: Engine, console: Console) -> None:
+    """Runs the stages of a step: a single one here, several side by side."""
+    if len(jobs) == 1:
+        module: Any = importlib.import_module(f"train.{jobs[0].command}")
+        module.train(jobs[0].options, console)
+        return
+    with (
+        progress(console, len(jobs), "stages") as advance,
+        closing(engine.map(run, jobs)) as finished,
+    ):
+        for path in finished:
+            advance(path.name, 1)
+
+
+def _words() -> list[str]:
+    """The command line, as results name it."""
+    return shlex.split(command())[3:]
