@@ -165,23 +165,6 @@ class StateBatch:
         )
 
     @classmethod
-    def repeat(cls, state: SnakeState, count: int) -> StateBatch:
-        """A batch of ``count`` copies of one state.
-
-        Raises:
-            InvalidInputError: The phase or the mode is not an integer.
-        """
-        fields: dict[str, NDArray[Any]] = {}
-        for name, dtype in _FIELDS.items():
-            value = getattr(state, name)
-            if dtype is np.int64 and as_integer(value) is None:
-                raise InvalidInputError(f"state.{name}", value, "an integer")
-            shape = (count, *value.shape) if isinstance(value, np.ndarray) else count
-            fields[name] = np.empty(shape, dtype=dtype)
-            fields[name][...] = value
-        return cls(**fields)
-
-    @classmethod
     def initial(cls, phi0: FloatArray, target: FloatArray, params: SnakeParams) -> StateBatch:
         """States in which episodes begin, for shapes (N, n) [rad] that are known to be usable."""
         count = len(phi0)

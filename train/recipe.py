@@ -6,8 +6,7 @@ import dataclasses
 import importlib
 import shlex
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,12 +16,11 @@ from rich.console import Console
 
 from harness.engine import Engine
 from harness.folder import Layout
-from harness.progress import progress
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError, UnknownNameError
 from train.config import read_yaml, replaced
-from train.jobs import Job, run
+from train.jobs import Job, side_by_side
 from train.models import comparison, ship
 from train.run import Run, RunFolder
 
@@ -39,7 +37,7 @@ STAGES = {
 """The stages and what they make."""
 ORDER = (("value",), ("critic",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
-LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "log.csv", *STAGES))
+LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "*.csv", "*.log", *STAGES))
 """What the folder of a recipe holds: a folder for each stage."""
 
 
@@ -98,7 +96,11 @@ def train(options: Options, console: Console) -> Path:
                 ship(folder.path, models, params, made, options.tasks, options.engine)
             else:
                 jobs = [_job(stage, given[stage], options, folder.path) for stage in level]
-                _run_all(jobs, options.engine, console)
+                if len(jobs) > 1:
+                    side_by_side(jobs, options.engine, console)
+                else:
+                    module: Any = importlib.import_module(f"train.{jobs[0].command}")
+                    module.train(jobs[0].options, console)
             minutes = (time.monotonic() - began) / 60.0
             rows.append({"step": str(step), "minutes": f"{minutes:.2f}"})
             folder.write_rows(rows)
@@ -160,20 +162,6 @@ def _nested(options: Any, paths: Mapping[str, Any]) -> dict[str, Any]:
     if rest:  # those of the training loop
         changes["loop"] = dataclasses.replace(options.loop, **rest)
     return changes
-
-
-def _run_all(jobs: Sequence[Job], engine: Engine, console: Console) -> None:
-    """Runs the stages of a step: a single one here, several side by side."""
-    if len(jobs) == 1:
-        module: Any = importlib.import_module(f"train.{jobs[0].command}")
-        module.train(jobs[0].options, console)
-        return
-    with (
-        progress(console, len(jobs), "stages") as advance,
-        closing(engine.map(run, jobs)) as finished,
-    ):
-        for path in finished:
-            advance(path.name, 1)
 
 
 def _words() -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,10 @@ from rich.table import Table
 from harness.engine import Engine
 from harness.files import write_atomically
 from harness.folder import writable_folder
-from harness.progress import progress
 from harness.provenance import words_without
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model
-from train.jobs import Job, run
+from train.jobs import Job, side_by_side
 from train.validation import quality
 
 _FIGURES = {
@@ -49,16 +47,9 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
         alone = dataclasses.replace(options.run, seed=seed, seeds=1, out=out)
         own = dataclasses.replace(options, run=alone, engine=Engine(workers=1))
         runs.append(Job(command, own, [*shared, "--seed", str(seed)]))
-    label = f"{command}, {len(runs)} seeds"
-    with (
-        progress(console, len(runs), "runs") as advance,
-        closing(options.engine.map(run, runs)) as finished,
-    ):
-        for path in finished:
-            advance(label, 1)
-            console.print(f"{path}: done", soft_wrap=True)
+    side_by_side(runs, options.engine, console)
     folder = _folder(command, options, "seeds")
-    _report(folder, [job.options.run.out for job in runs], console)
+    _report(folder, [job.folder for job in runs], console)
 
 
 def _folder(command: str, options: Any, suffix: str) -> Path:

@@ -51,31 +51,46 @@ class NetworkPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """The mode of highest preference."""
-        return int(self._preferences(state).argmax())
+        return int(self._preferences(*self._open(state)).argmax())
 
-    def ranking(self, state: SnakeState) -> IntArray:
-        """The modes that may be chosen, the preferred ones first."""
-        ranks = self._preferences(state)
-        order = np.argsort(-ranks, kind="stable")
-        ranked: IntArray = order[: int(np.isfinite(ranks).sum())]
+    def ranking(self, state: SnakeState, unless: int = 0) -> IntArray:
+        """The modes that may be chosen, the preferred ones first.
+
+        Args:
+            state: The robot at t_k.
+            unless: Where there are no more modes than this, the network is not asked, and they come in
+                the order of their numbers.
+        """
+        observation, open_ = self._open(state)
+        modes: IntArray = np.flatnonzero(open_)
+        if len(modes) <= unless:
+            return modes
+        ranks = self._preferences(observation, open_)[modes]
+        ranked: IntArray = modes[np.argsort(-ranks, kind="stable")]
         return ranked
 
-    def _preferences(self, state: SnakeState) -> NDArray[np.float32]:
+    def _preferences(
+        self, observation: NDArray[np.float32], open_: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
         """What the network prefers; minus infinity where a mode is out of the question."""
-        observation, mask = observe_one(state, self._params)
         ranks: NDArray[np.float32] = self._network(observation[None])[0]
-        ranks[~mask] = -np.inf
+        ranks[~open_] = -np.inf
+        return ranks
+
+    def _open(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """The observation, and the modes that are stable at t_k, but for those tried in vain."""
+        observation, mask = observe_one(state, self._params)
         if self._has_moved(state):
             self._where = state.phase, state.phi
             self._tried.clear()
         elif state.elapsed != self._asked_at and state.last_mode >= 0:
             self._tried.add(state.last_mode)  # what was executed, whoever chose it
         self._asked_at = state.elapsed
-        open_ = np.isfinite(ranks)
-        open_[list(self._tried)] = False
-        if open_.any():
-            ranks[~open_] = -np.inf
-        return ranks
+        if self._tried:
+            left = mask.copy()
+            left[list(self._tried)] = False
+            mask = left if left.any() else mask
+        return observation, mask
 
     def _has_moved(self, state: SnakeState) -> bool:
         """Whether the robot is somewhere else than where the modes were tried."""

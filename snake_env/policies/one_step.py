@@ -58,7 +58,7 @@ def best_mode(
     if isinstance(value, NetworkValue):
         worth = value.of_observed(found.observations.take(kept, axis=0), found.reached[kept])
     else:
-        before = StateBatch.repeat(state, len(kept))
+        before = StateBatch.stack([state]).take(np.zeros(len(kept)))
         worth = value(successors(before, modes[kept], prediction.take(kept), params))
     return Choice(int(modes[kept[np.argmin(worth)]]), bool(leads.any()))
 
@@ -126,7 +126,7 @@ class CriticPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """The favourite whose end the critic values most."""
-        ranked = self._policy.ranking(state)
+        ranked = self._policy.ranking(state, unless=self._k)
         creeping = None
         for first, last in ((0, self._k), (self._k, 2 * self._k), (2 * self._k, len(ranked))):
             favourites = ranked[first:last]

@@ -22,15 +22,17 @@ def final_blocks(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Fl
         Shape (n_blocks, n_rows, n_lanes), as :class:`snake_env.kernel.interval.Kernel` lays them out;
         a lane for each mode, then padding.
     """
-    states, chosen = with_each(state, modes)
-    check_pairs(states, chosen, params)
+    states, chosen = checked_state(state, modes, params)
     return run_blocks(states, chosen, params, clock_of(params))
 
 
-def with_each(state: SnakeState, modes: ArrayLike) -> tuple[StateBatch, IntArray]:
-    """One state for each of some modes."""
-    chosen = checked_modes(modes)
-    return StateBatch.repeat(state, len(chosen)), chosen
+def checked_state(
+    state: SnakeState, modes: ArrayLike, params: SnakeParams
+) -> tuple[StateBatch, IntArray]:
+    """A state as a batch of one, and modes, known to belong together."""
+    states, chosen = StateBatch.stack([state]), checked_modes(modes)
+    _check_modes(states, chosen, params)
+    return states, chosen
 
 
 def checked_lane(state: SnakeState, mode: int, params: SnakeParams) -> tuple[StateBatch, IntArray]:
@@ -82,32 +84,37 @@ def check_pairs(states: StateBatch, modes: IntArray, params: SnakeParams) -> Non
     """Raises where states, modes and constants do not belong together."""
     if len(modes) != len(states):
         raise InvalidInputError("modes", len(modes), f"one mode for each of {len(states)} states")
-    if len(states) == 0:
+    _check_modes(states, modes, params)
+
+
+def _check_modes(states: StateBatch, modes: IntArray, params: SnakeParams) -> None:
+    """Raises where a state, or a mode in its state, does not fit the constants."""
+    if len(modes) == 0:
         return
     check_states(states, params)
     table = mode_table(params.n_joints)
     if not table.valid_pairs(modes, states.phase).all():
-        for mode, phase in zip(modes.tolist(), states.phase.tolist(), strict=True):
-            table.check(mode, phase)
+        for mode, phase in np.broadcast(modes, states.phase):
+            table.check(int(mode), int(phase))
 
 
 def run_lanes(
     states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> dict[str, FloatArray]:
-    """Runs the kernel over states with a mode each; what each lane ends with, by field."""
+    """Runs the kernel as :func:`run_blocks` does; what each lane ends with, by field."""
     return _outcome(run_blocks(states, modes, params, clock), len(modes), params)
 
 
 def run_blocks(
     states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> FloatArray:
-    """Runs the kernel over states with a mode each; its blocks, as it left them."""
+    """Runs the kernel over states with a mode each, or one state with all modes; its blocks."""
     table = mode_table(params.n_joints)
     kernel = get_kernel(params.n_joints, params.head_contact)
     at, count = kernel.rows, len(modes)
     blocks = kernel.blocks(count)
     lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
-    each, scp = np.arange(count), states.phase - 1
+    each, scp = np.arange(len(states)), states.phase - 1
     grounded = ~table.lifted_wheels(modes, states.phase)
     lanes[at["violation"], count:] = PADDING
     lanes[at["d2_min"]] = np.inf

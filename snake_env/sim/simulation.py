@@ -23,7 +23,13 @@ from snake_env.kernel.interval import (
 )
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.sim.lanes import check_pairs, checked_lane, checked_modes, run_lanes, with_each
+from snake_env.sim.lanes import (
+    check_pairs,
+    checked_lane,
+    checked_modes,
+    checked_state,
+    run_lanes,
+)
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 VIOLATIONS = ("", "stability", "joint_limit")
@@ -86,7 +92,7 @@ def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Predict
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
-    return predict_batch(*with_each(state, modes), params)
+    return _predict(*checked_state(state, modes, params), params)
 
 
 def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -103,10 +109,15 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
     """
     chosen = checked_modes(modes)
     check_pairs(states, chosen, params)
-    outcome = run_lanes(states, chosen, params, clock_of(params))
+    return _predict(states, chosen, params)
+
+
+def _predict(states: StateBatch, modes: IntArray, params: SnakeParams) -> Prediction:
+    """:func:`predict_batch`, of one state with all modes too, once all has been checked."""
+    outcome = run_lanes(states, modes, params, clock_of(params))
     scp = states.phase - 1
-    lanes = np.arange(len(chosen))
-    turned = np.abs(outcome["phi"][lanes, scp] - states.phi[lanes, scp])
+    begun = states.phi[np.arange(len(states)), scp]
+    turned = np.abs(outcome["phi"][np.arange(len(modes)), scp] - begun)
     code = outcome["violation"][:, 0].astype(np.intp)
     feasible = code == 0
     integral = outcome["integral"][:, 0]
