@@ -1,9 +1,10 @@
-"""``python -m train export RUN``: ship a run's best model with the package."""
+"""``python -m train export RUN``: ship the models of a recipe, or of a run, with the package."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,9 +18,13 @@ from harness.files import write_atomically
 from harness.folder import writable_folder
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
+from train.models import SOURCES
 from train.records import read_about
+from train.validation import SUITE
 
 _FILES = ("best.safetensors", "value.safetensors")
+PACKAGE = Path(snake_env.__file__).parent / "pretrained"
+"""Where shipped models are."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.=,-]{0,59}")
 _CARD = """# {name}
 
@@ -27,11 +32,12 @@ _CARD = """# {name}
 
 | | |
 |---|---|
-| robots | {n_joints} joints, {contact} |
+| robot | {robot} |
 | learned by | `{command}` |
 | started from | {init} |
 | seed | {seed} |
 | network | {network} |
+| critic | {critic} |
 | source | revision {git} |
 | validation | {validation} |
 
@@ -39,7 +45,8 @@ _CARD = """# {name}
 """
 _WHAT = {
     "policy": "Prefers modes: the policy takes the one it prefers among those that are stable at t_k, "
-    "with no model roll-out. `+shield` checks the choice with a roll-out.",
+    "with no model roll-out. `+shield` checks the choice with a roll-out; `+critic` simulates "
+    "eight choices and takes the one whose end its critic values most.",
     "value": "Says how many intervals a state still needs: such networks guide the policies `value` "
     "and `lookahead`, and the teacher of `imitate`.",
     "quick-value": "Says how many intervals a state still needs, when it is asked about one image "
@@ -56,93 +63,110 @@ _LIMITS["quick-value"] = _LIMITS["value"]
 
 @dataclass(frozen=True)
 class Options:
-    """Write a run's best model, its manifest and its model card into the package."""
+    """Write the models of a recipe, or the best one of a run, into the package, with their cards."""
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """Folder of a finished run of train."""
-    last: bool = False
-    """Ship the last model, not the best: where the tasks of the validation are too few to tell a run's
-    models apart."""
+    """Folder of a finished recipe or run of train."""
     name: str | None = None
-    """Policy's name; default: the algorithm's, with -narrow and the joints where they differ."""
-    into: Annotated[Path, tyro.conf.arg(metavar="DIR")] = (
-        Path(snake_env.__file__).parent / "pretrained"
-    )
-    """Folder to write to."""
+    """Policy's name, for a single run; default: the algorithm's. The robot's name follows it, unless
+    that is paper."""
+    into: Annotated[Path, tyro.conf.arg(metavar="DIR")] = PACKAGE
+    """Folder to write to. The package's own takes models of committed revisions only."""
     overwrite: bool = False
-    """Replace a model of this name in the folder."""
+    """Replace models of these names in the folder."""
 
 
 def train(options: Options, console: Console) -> None:
-    """Writes ``NAME.safetensors`` and ``NAME.md``."""
+    """Writes ``NAME.safetensors`` and ``NAME.md`` for each model."""
     about = read_about(options.run, "run")
-    wanted = ("last.safetensors",) if options.last else _FILES
-    file = next((options.run / f for f in wanted if (options.run / f).is_file()), None)
+    git = about["git"]
+    if options.into == PACKAGE and (git is None or git.endswith("+")):
+        expected = "a run of a committed revision: its source had been changed (or --into DIR)"
+        raise InvalidInputError("git", git, expected)
+    written = {}
+    for name, file in _models(options, about).items():
+        if not _NAME.fullmatch(name):
+            expected = "a name of at most 60 letters, digits and -_.=,"
+            raise InvalidInputError("name", name, expected)
+        model = read_model(file)
+        made = {**model.made, "git": git, "versions": about["versions"]}
+        path = options.into / f"{name}.safetensors"
+        try:
+            card = _card(name, model, about)
+        except (LookupError, TypeError, ValueError) as error:
+            expected = f"an undamaged run ({in_one_line(error)})"
+            raise InvalidInputError("run", str(options.run), expected) from None
+        there = [each for each in (path, path.with_suffix(".md")) if each.exists()]
+        if there and not options.overwrite:
+            expected = "a new name (or --overwrite to replace the model)"
+            raise InvalidInputError("name", str(there[0]), expected)
+        written[path] = dataclasses.replace(model, made=made), card
+    writable_folder(options.into)
+    for path, (model, card) in written.items():
+        write_model(path, model)
+        write_atomically(path.with_suffix(".md"), card)
+        console.print(f"{path}", soft_wrap=True)
+
+
+def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
+    """The models of a recipe, or of a run, by the names that they get."""
+    robot = about["robot"]
+    suffix = "" if robot == "paper" else f"-{robot}"
+    models = options.run / "models"
+    if models.is_dir():
+        if options.name is not None:
+            raise InvalidInputError("name", options.name, "none: a recipe has models of five names")
+        return {f"{name}{suffix}": models / f"{name}.safetensors" for name in SOURCES}
+    file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
     if file is None:
         expected = (
-            "a run with a model: train writes last.safetensors at every checkpoint (--last ships it) "
-            "and best.safetensors at every validation that is better than those before"
+            "a finished run: train writes best.safetensors at every validation that is better"
         )
         raise InvalidInputError("run", str(options.run), expected)
-    model = read_model(file)
-    params = about["config"]["params"]
-    name = options.name
-    if name is None:
-        name = _name(about["algorithm"], params)
-    made = {**model.made, "git": about["git"], "versions": about["versions"]}
-    if not _NAME.fullmatch(name):
-        expected = "a name of at most 60 letters, digits and -_.=,"
-        raise InvalidInputError("name", name, expected)
-    path = options.into / f"{name}.safetensors"
-    try:
-        card = _card(name, model, about)
-    except (LookupError, TypeError, ValueError) as error:
-        expected = f"an undamaged run ({in_one_line(error)})"
-        raise InvalidInputError("run", str(options.run), expected) from None
-    there = [each for each in (path, path.with_suffix(".md")) if each.exists()]
-    if there and not options.overwrite:
-        expected = "a new name (or --overwrite to replace the model)"
-        raise InvalidInputError("name", str(there[0]), expected)
-    writable_folder(options.into)
-    write_model(path, dataclasses.replace(model, made=made))
-    write_atomically(path.with_suffix(".md"), card)
-    console.print(f"{path}", soft_wrap=True)
-
-
-def _name(algorithm: str, params: dict[str, Any]) -> str:
-    narrow = "" if params["head_contact"] else "-narrow"
-    joints = "" if params["n_joints"] == 8 else f"-{params['n_joints']}"
-    return f"{algorithm}{narrow}{joints}"
+    return {options.name or f"{about['algorithm']}{suffix}": file}
 
 
 def _card(name: str, model: Model, about: dict[str, Any]) -> str:
-    config, validation = about["config"], model.made.get("validation")
-    figures = (
-        f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s, +critic "
-        f"{validation['critic_success']:.1%} in {validation['critic_time_s']:.1f} s"
-        f" on the first {config['validation_tasks']:,} of 2,000 tasks of `validation-2k`"
-        if validation
-        else "none"
+    made, params = model.made, model.params
+    robot = f"`{about['robot']}`: {params.n_joints} joints, " + (
+        "link 0 gives a contact" if params.head_contact else "no contact of link 0"
     )
     return _CARD.format(
         name=name,
         what=_WHAT[model.kind],
-        n_joints=model.params.n_joints,
-        contact="link 0 gives a contact"
-        if config["params"]["head_contact"]
-        else "no contact of link 0",
-        command=about["command"],
-        init=_beginning(config),
-        seed=config["seed"],
+        robot=robot,
+        command=made["command"],
+        init=_beginning(made),
+        seed=about["config"]["seed"],
         network=" - ".join(map(str, model.network.sizes)),
+        critic="none" if model.critic is None else " - ".join(map(str, model.critic.network.sizes)),
         git=about["git"] or "unknown",
-        validation=figures,
+        validation=_validation(made),
         limits=_LIMITS[model.kind],
     )
 
 
-def _beginning(config: dict[str, Any]) -> str:
-    """What a run began with."""
-    begun: str = config.get("init") or "random weights"
-    lessons = ", ".join(config.get("lessons") or ())
-    return begun + (f" and the judgements of {lessons}" if lessons else "")
+def _beginning(made: Mapping[str, Any]) -> str:
+    """What a run began with, or a recipe's stages."""
+    if "stages" in made:
+        return f"random weights, by the stages {', '.join(made['stages'])}"
+    return made["config"].get("init") or "random weights"
+
+
+def _validation(made: Mapping[str, Any]) -> str:
+    """What was found on tasks of the validation suite."""
+    found = made.get("validation")
+    if not found:
+        return "none"
+    if "stages" in made:
+        rows = (
+            f"`{name}` {row['success']}/{row['n']} in {row['time_s'] or float('nan'):.1f} s"
+            for name, row in found.items()
+        )
+        return ", ".join(rows) + f" on tasks of `{SUITE}`"
+    count = made["config"]["validation_tasks"]
+    return (
+        f"raw {found['raw_success']:.1%} in {found['raw_time_s']:.1f} s, "
+        f"+critic {found['critic_success']:.1%} in {found['critic_time_s']:.1f} s "
+        f"on the first {count:,} of 2,000 tasks of `{SUITE}`"
+    )

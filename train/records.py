@@ -33,7 +33,7 @@ def read_about(folder: Path, field: str) -> dict[str, Any]:
         raise InvalidInputError(field, str(folder), expected) from None
     if not isinstance(about, dict) or about.get("schema") != SCHEMA:
         raise InvalidInputError(field, str(folder), f"a run of schema {SCHEMA}")
-    kinds = {"algorithm": str, "command": str, "config": dict, "versions": dict}
+    kinds = {"algorithm": str, "robot": str, "command": str, "config": dict, "versions": dict}
     try:
         if not all(isinstance(about[name], kind) for name, kind in kinds.items()):
             raise ValueError(f"{', '.join(kinds)} are needed")

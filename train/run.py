@@ -103,7 +103,7 @@ class RunFolder:
         self.path = run.folder(f"{algorithm}-{robot.name}")
         self.config = json.loads(json.dumps(config, default=str))
         self.digest = hashlib.sha256(json.dumps(self.config, sort_keys=True).encode()).hexdigest()
-        self._algorithm = algorithm
+        self._algorithm, self._robot = algorithm, robot.name
         self._held = held(self.path, layout, overwrite=run.overwrite, resume=run.resume)
         self._log = self.path / "log.csv"
 
@@ -137,6 +137,7 @@ class RunFolder:
         return {
             "schema": SCHEMA,
             "algorithm": self._algorithm,
+            "robot": self._robot,
             "command": command(),
             "config": self.config,
             "git": _git_revision(),
