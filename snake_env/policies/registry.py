@@ -156,9 +156,10 @@ def load_policy(
         name: ``analytic`` (21), ``analytic-14`` (21 over at most 14 candidates a phase, as the paper's
             Table II), ``first-feasible``, ``random``, ``lookahead`` (a planner), ``value`` (the
             feasible mode whose successor is worth most), ``imitate``, ``ppo``, ``dqn`` (learned, no
-            roll-outs), or the path of a ``.safetensors`` file. ``+shield`` after it adds a
-            :class:`snake_env.policies.shield.ShieldedPolicy`; ``+critic`` after a learned one a
-            :class:`snake_env.policies.one_step.CriticPolicy`. Options follow a colon, as in
+            roll-outs), the path of a ``.safetensors`` file, or the folder of a run of ``python -m
+            train``. ``+shield`` after it adds a :class:`snake_env.policies.shield.ShieldedPolicy`;
+            ``+critic`` after a learned one a :class:`snake_env.policies.one_step.CriticPolicy`.
+            Options follow a colon, as in
             ``lookahead:width=16,deadline_ms=inf``, ``ppo+critic:k=4`` or ``ppo+shield:transfer=1``.
         params: The constants that it predicts with; default: the preset ``paper``.
         transfer: Whether a network that was trained with other constants is accepted.
@@ -175,9 +176,17 @@ def load_policy(
         make, title = functools.partial(_of_file, Path(base)), "a model file"
     elif base in POLICIES:
         make, title = POLICIES[base], base
+    elif Path(base).is_dir():
+        make, title = functools.partial(_of_file, _of_run(Path(base))), "a model file"
+    elif base.endswith(".zip"):
+        expected = (
+            "a model file (.safetensors). A model of Stable-Baselines3 needs an adapter, "
+            "as in examples/sb3_model.py: --policy examples.sb3_model:policy"
+        )
+        raise InvalidInputError("policy", base, expected)
     else:
         known = (*POLICIES, *(f"{learned}{CRITIC}" for learned in LEARNED))
-        raise UnknownNameError("policy", base, known)
+        raise UnknownNameError("policy", base, (*known, "FILE.safetensors", "a run's folder"))
     known_options = [*_known_options(make), *(["k"] if suffix == CRITIC else [])]
     for key in options:
         if key not in known_options:
@@ -214,6 +223,26 @@ def _of_file(path: Path, params: SnakeParams, transfer: bool = False) -> Policy:
     if model.kind == "policy":
         return NetworkPolicy(params, model, transfer)
     return ValuePolicy(params, NetworkValue(model, params, transfer))
+
+
+def _of_run(folder: Path) -> Path:
+    """The model of a run of ``python -m train``.
+
+    Raises:
+        InvalidInputError: There is none, or a recipe's folder, which holds several.
+    """
+    names = ("best", "last", "value")
+    found = [folder / f"{name}{MODEL_FILE}" for name in names]
+    file = next((each for each in found if each.is_file()), None)
+    if file is None:
+        models = sorted(path.name for path in (folder / "models").glob(f"*{MODEL_FILE}"))
+        expected = (
+            f"one of its models, {', '.join(models)} in {folder / 'models'}"
+            if models
+            else "the folder of a run that has a model: best.safetensors or last.safetensors"
+        )
+        raise InvalidInputError("policy", str(folder), expected)
+    return file
 
 
 def _parse(text: str) -> tuple[str, str, dict[str, str]]:

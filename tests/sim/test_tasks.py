@@ -21,6 +21,7 @@ GOOD = np.linspace(-0.3, 0.3, 24).reshape(3, 8)
 DIGESTS = {  # of the angles in units of 1e-9 rad: no machine's last digit matters
     "paper-500": "c92640e23d6ab761f44a2d7535b69d5f96d0e4848b086fcc486306764963e650",
     "validation-2k": "1c8aa7a840110093f65169dbb6700a48c92089d853dbb6abaf9d259d6dd96fc7",
+    "test-2k": "3f04b012703517df8066838a7338aacf85a68dbe0c3d20e4c55965cc7f46a439",
     "test-10k": "f3f03f4768e3e8b53644e29a6a2e55739b181e419f9755a87b4861fa5ee3a609",
 }
 
@@ -51,6 +52,7 @@ def _frozen(name: str) -> TaskSuite:
     [
         ("paper-500", "random:500:0"),
         ("validation-2k", "random:2000:7002000"),
+        ("test-2k", "random:2000:7012000"),
         ("test-10k", "random:10000:7010000"),
     ],
 )
@@ -65,9 +67,9 @@ def test_frozen_suite__never_changes(name: str, same: str) -> None:
 
 def test_frozen_suites__share_no_shape() -> None:
     shapes = np.concatenate([part for name in FROZEN for part in _shapes(_frozen(name))])
-    assert shapes.shape == (2 * 12_500, 8)
-    assert len(np.unique(shapes, axis=0)) == 2 * 12_500
-    assert len(np.unique(shapes[:, 0])) == 2 * 12_500  # not even an angle
+    assert shapes.shape == (2 * 14_500, 8)
+    assert len(np.unique(shapes, axis=0)) == 2 * 14_500
+    assert len(np.unique(shapes[:, 0])) == 2 * 14_500  # not even an angle
 
 
 def _shapes(suite: TaskSuite) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +80,7 @@ def _shapes(suite: TaskSuite) -> tuple[np.ndarray, np.ndarray]:
 def test_frozen_suite__that_is_drawn_differently_is_refused(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    count, seed, digest = FROZEN[name]
+    count, seed, digests = FROZEN[name]
     drawn = _frozen(name)
 
     def random_suite(count: int, seed: int, params: SnakeParams, name: str) -> TaskSuite:
@@ -92,9 +94,23 @@ def test_frozen_suite__that_is_drawn_differently_is_refused(
     with pytest.raises(InvalidInputError, match=message):
         load_tasks(name, PAPER)
     target[:] = drawn.target
-    monkeypatch.setitem(FROZEN, name, (count, seed, digest[::-1]))
+    monkeypatch.setitem(FROZEN, name, (count, seed, {8: digests[8][::-1]}))
     with pytest.raises(InvalidInputError, match=message):
         load_tasks(name, PAPER)
+
+
+@pytest.mark.parametrize("n_joints", [6, 10])
+def test_frozen_suite__is_frozen_for_the_other_presets_too(
+    n_joints: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    params = SnakeParams(n_joints=n_joints)
+    drawn = load_tasks("test-2k", params)
+    assert _same(drawn, load_tasks("random:2000:7012000", params))
+    monkeypatch.setattr(tasks, "random_suite", lambda *_: TaskSuite("", drawn.phi0, -drawn.target))
+    with pytest.raises(
+        InvalidInputError, match=r"expected a version that draws the tasks of test-2k$"
+    ):
+        load_tasks("test-2k", params)
 
 
 @pytest.mark.parametrize("params", [SnakeParams(n_joints=6), SnakeParams(phi_limit=1.2)])
