@@ -23,12 +23,13 @@ NOT_OTHERS := $(addprefix --no-emit-package ,torch filelock fsspec jinja2 markup
 	numpy setuptools sympy typing-extensions)
 APT := DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq
 BROWSER ?= chromium
+ROBOTS ?= paper narrow six ten hardware
 INTEROP ?= sb3-contrib torchrl tianshou rllib
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test browser test-interop check bench clean docs lock
+.PHONY: help setup demo test browser test-interop check policies bench clean docs lock
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -70,6 +71,18 @@ check: .venv/.dev ## format, lint, types
 	@$(RUN) -m ruff format --check .
 	@$(RUN) -m ruff check .
 	@$(RUN) -m mypy
+
+# What ships. A recipe that was interrupted continues; models are exported when all robots are done.
+policies: .venv/.dev ## train every shipped policy from random weights, into snake_env/pretrained (hours)
+	@test -z "$$(git status --porcelain --untracked-files=no)" || { \
+		echo "uncommitted changes: what ships is trained from a committed revision" >&2; exit 1; }
+	@for robot in $(ROBOTS); do \
+		case $$robot in hardware) slip="--slip 0.001 0.005";; *) slip="";; esac; \
+		echo "$$robot:"; \
+		$(RUN) -m train recipe --preset $$robot --budget full $$slip --resume \
+			--out build/policies/$$robot || exit; \
+	done
+	@for robot in $(ROBOTS); do $(RUN) -m train export build/policies/$$robot --overwrite || exit; done
 
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m benchmarks.kernel

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.teacher import preferred
+from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.params import SnakeParams
@@ -32,6 +33,7 @@ class Trial:
         count: Number of tasks.
         network: The policy.
         params: The constants.
+        slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
     """
 
     seed: int
@@ -39,6 +41,7 @@ class Trial:
     count: int
     network: Network
     params: SnakeParams
+    slip: Slip = NO_SLIP
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,7 @@ def play(shard: Trial) -> Lost:
     network = SymmetricNetwork(shard.network, params.n_joints)
     states, task = StateBatch.initial(phi0, target, params), np.arange(shard.count)
     lost = np.zeros(shard.count, dtype=np.bool_)
+    scales = slips(shard.slip, shard.count, rng)
     for _ in range(params.horizon):
         after, prediction = advance_batch(states, preferred(states, network, params), params)
         wrong = np.flatnonzero(~prediction.feasible | (prediction.d_min < params.d_touch))
@@ -75,7 +79,8 @@ def play(shard: Trial) -> Lost:
         going = np.abs(after.phi - states.phi).max(axis=1) >= STILL
         going &= after.phase <= params.n_joints
         going[wrong] = False
-        states, task = after.take(np.flatnonzero(going)), task[going]
+        task = task[going]
+        states = slip_batch(after.take(np.flatnonzero(going)), scales[task], rng)
     return Lost(shard.part, phi0[lost], target[lost])
 
 

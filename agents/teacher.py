@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.labels import Decisions, join
+from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
@@ -61,6 +62,7 @@ class Visit:
         overweight: How many times as often as others those states are kept in which the student's
             choice is infeasible or, without a student, those near a deadlock.
         params: The constants.
+        slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
     """
 
     seed: int
@@ -70,6 +72,7 @@ class Visit:
     student: Network | None
     overweight: float
     params: SnakeParams
+    slip: Slip = NO_SLIP
 
 
 def collect(shard: Visit) -> tuple[int, Decisions]:
@@ -102,6 +105,7 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
+    scales = slips(shard.slip, count, rng)
     student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
     for _ in range(_LONGEST):
         if student is None:
@@ -114,7 +118,8 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
         states, _ = advance_batch(before, chosen[going], params)
         moved = np.abs(states.phi - before.phi).max(axis=1, initial=0.0) >= STILL
         open_ = np.flatnonzero(moved & (states.phase <= params.n_joints))
-        states, scale = states.take(open_), scale[going][open_]
+        scale, scales = scale[going][open_], scales[going][open_]
+        states = slip_batch(states.take(open_), scales, rng)
         if len(states) == 0:
             return
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
+from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -77,6 +78,7 @@ class Play:
         network: The present value; None: minus the potential of the reward.
         trace_decay: Lambda; None: what the network says about all successors instead of returns.
         params: The constants.
+        slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
     """
 
     seed: int
@@ -86,6 +88,7 @@ class Play:
     network: Network | None
     trace_decay: float | None
     params: SnakeParams
+    slip: Slip = NO_SLIP
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +131,13 @@ def play(shard: Play) -> Returns:
     explores[0] = 0  # so that every shard has returns
     low, high = np.log(_NOISE)
     scale = np.exp(rng.uniform(low, high, count))
+    scales = slips(shard.slip, count, rng)
     states, task = _wander(
-        StateBatch.initial(phi0, target, params), explores, scale, value, rng, params
+        StateBatch.initial(phi0, target, params), explores, scale, scales, value, rng, params
     )
-    needed, observations, intervals = _greedy(states, value, shard.trace_decay, params)
+    needed, observations, intervals = _greedy(
+        states, value, shard.trace_decay, scales[task], rng, params
+    )
     solved = (explores[task] == 0) & (needed < FAILURE)
     return Returns(
         part=shard.part,
@@ -147,6 +153,7 @@ def _wander(
     states: StateBatch,
     explores: IntArray,
     scale: FloatArray,
+    scales: FloatArray,
     value: ValueFunction,
     rng: np.random.Generator,
     params: SnakeParams,
@@ -160,7 +167,8 @@ def _wander(
         parent = noisy[tree.parent]
         noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
         chosen = best_of_each(parent, value(tree.states) - noise)
-        after, moved = tree.states.take(chosen), parent[chosen]
+        moved = parent[chosen]
+        after = slip_batch(tree.states.take(chosen), scales[task[moved]], rng)
         states = states.put(moved, after)
         kept = ~going
         kept[moved] = after.phase <= params.n_joints
@@ -169,7 +177,12 @@ def _wander(
 
 
 def _greedy(
-    states: StateBatch, value: ValueFunction, trace_decay: float | None, params: SnakeParams
+    states: StateBatch,
+    value: ValueFunction,
+    trace_decay: float | None,
+    scales: FloatArray,
+    rng: np.random.Generator,
+    params: SnakeParams,
 ) -> tuple[FloatArray, NDArray[np.float32], NDArray[np.float32]]:
     """Plays greedily from some states, side by side.
 
@@ -189,7 +202,8 @@ def _greedy(
         seen.append(now if trace_decay is not None else tree.states.take(open_))
         said.append(worth[open_])
         chosen = best_of_each(tree.parent, worth)
-        now, moved = tree.states.take(chosen), playing[tree.parent[chosen]]
+        moved = playing[tree.parent[chosen]]
+        now = slip_batch(tree.states.take(chosen), scales[moved], rng)
         steps.append((playing, moved, worth[chosen]))  # who does not move has deadlocked
         reached = now.phase > params.n_joints
         needed[moved[reached]] = len(steps)

@@ -11,6 +11,7 @@ from agents import dqn
 from harness.engine import Engine
 from harness.robot import Robot
 from train import rl
+from train.ground import Ground
 from train.run import Run
 from train.validation import Validation
 
@@ -23,6 +24,7 @@ class Options:
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
     loop: rl.Loop = field(default_factory=rl.Loop)
+    ground: Ground = field(default_factory=Ground)
     validation: Validation = field(default_factory=Validation)
     settings: dqn.Settings = field(default_factory=dqn.Settings)
 
@@ -35,6 +37,7 @@ def train(options: Options, console: Console) -> Path:
         options.run,
         options.robot,
         options.loop,
+        options.ground,
         options.validation,
         console,
     )

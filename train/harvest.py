@@ -26,6 +26,7 @@ from snake_env.networks.model_file import Model, read_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import random_tasks
+from train.ground import Ground
 
 _PART = 512  # tasks that a worker plays side by side
 _OTHERS = (0, 3)  # spawn key of the random numbers that no shard has
@@ -44,6 +45,7 @@ class Options:
 
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
+    ground: Ground = field(default_factory=Ground)
     policy: Annotated[Path | None, tyro.conf.arg(metavar="MODEL")] = None
     """Model file of the policy."""
     tasks: int = 1_000_000
@@ -74,6 +76,7 @@ class Options:
         for name in ("copies", "seed"):
             if getattr(self, name) < 0:
                 raise InvalidInputError(name, getattr(self, name), "zero or a positive number")
+        self.ground.check()
         if self.policy is None:
             raise InvalidInputError("policy", None, "--policy: whose lost tasks are wanted")
         if self.overwrite and self.resume:
@@ -98,6 +101,7 @@ def train(options: Options, console: Console) -> Path:
     config = {
         "policy": model.sha256,
         "seed": options.seed,
+        "slip": list(options.ground.slip),
         "params": json.loads(json.dumps(asdict(params))),
     }
     flags = {"overwrite": options.overwrite, "resume": options.resume}
@@ -134,7 +138,7 @@ def _harvest(
     journal = Journal(folder / LAYOUT.begun, config, resume=found == "begun", take=take)
     count = -(-options.tasks // _PART)
     shards = [
-        Trial(options.seed, part, _PART, model.network, params)
+        Trial(options.seed, part, _PART, model.network, params, options.ground.slip)
         for part in range(count)
         if part not in lost
     ]

@@ -24,6 +24,7 @@ from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from train.critic import read_critic
+from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, quality
 
@@ -45,6 +46,7 @@ class Options:
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
+    ground: Ground = field(default_factory=Ground)
     fit: Fit = field(default_factory=Fit)
     validation: Validation = field(default_factory=Validation)
     critic: Path | None = None
@@ -68,6 +70,7 @@ class Options:
         if not self.overweight >= 1.0:
             raise InvalidInputError("overweight", self.overweight, "at least 1")
         self.fit.check()
+        self.ground.check()
         self.validation.check()
         self.engine.check()
         return self.robot.params()
@@ -94,6 +97,7 @@ def train(options: Options, console: Console) -> Path:
         **dataclasses.asdict(options.validation),
         "value": value.sha256,
         "critic": critic.sha256,
+        "slip": options.ground.slip,
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -121,7 +125,7 @@ def train(options: Options, console: Console) -> Path:
             write_model(kept, kept_model)
             row: dict[str, Any] = {"round": number + 1}
             row |= {key: round(value, 5) for key, value in figures.items()}
-            row |= options.validation(kept, params)
+            row |= options.validation(kept, params, options.ground.slip)
             validated = dataclasses.replace(kept_model, made={**made, "validation": row})
             write_model(folder.path / "last.safetensors", validated)
             if not rows or quality(row) > max(map(quality, rows)):
@@ -159,6 +163,7 @@ def _visits(
             student=student,
             overweight=1.0 if student is None else options.overweight,
             params=params,
+            slip=options.ground.slip,
         )
         for part in range(count)
     ]

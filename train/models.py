@@ -14,6 +14,7 @@ from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import summarise
 from harness.engine import Engine
 from harness.files import read_json, write_atomically
+from snake_env.envs.slip import Slip
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
@@ -35,22 +36,23 @@ _PART = 25  # tasks that a worker plays at a time
 
 def ship(
     recipe: Path,
-    models: Path,
     params: SnakeParams,
     made: Mapping[str, Any],
     count: int,
+    slip: Slip,
     engine: Engine,
 ) -> None:
     """Writes the models of a recipe, and how they do on some tasks beside (21).
 
     Args:
-        recipe: The recipe's folder.
-        models: Where they go.
+        recipe: The recipe's folder; the models go to ``models`` in it.
         params: The robot.
         made: What their manifests say about how they were made.
         count: Tasks of validation-2k.
+        slip: How much the wheels slip there.
         engine: What plays them.
     """
+    models = recipe / "models"
     names = []
     for name, source in SOURCES.items():
         model = read_model(recipe / source)
@@ -65,7 +67,13 @@ def ship(
         policies[name] = f"{models / base}.safetensors{plus}{critic}"
     suite = load_tasks(SUITE, params)
     shards = [
-        Shard(policy, tasks, [suite.initial(task, params) for task in tasks], params)
+        Shard(
+            policy,
+            tasks,
+            [suite.initial(task, params) for task in tasks],
+            params,
+            slip=slip,
+        )
         for policy in policies.values()
         for first in range(0, count, _PART)
         for tasks in [list(range(first, min(first + _PART, count)))]

@@ -20,6 +20,7 @@ from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError, UnknownNameError
 from train.config import read_yaml, replaced
+from train.ground import Ground
 from train.jobs import Job, side_by_side
 from train.models import comparison, ship
 from train.run import Run, RunFolder
@@ -51,6 +52,7 @@ class Options:
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
+    ground: Ground = field(default_factory=Ground)
     budget: Annotated[str, tyro.conf.arg(metavar="quick|full|FILE.yaml")] = "quick"
     """quick: half an hour on two cores. full: what ships, about two hours. Or a file with the options
     of each stage, as those of these two in agents/recipes/."""
@@ -66,6 +68,7 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.robot.params()
     options.engine.check()
+    options.ground.check()
     if not 1 <= options.tasks <= 2000:
         raise InvalidInputError("tasks", options.tasks, "1 to 2000")
     given = _recipe(options.budget)
@@ -73,6 +76,7 @@ def train(options: Options, console: Console) -> Path:
         "budget": options.budget,
         "stages": given,
         "tasks": options.tasks,
+        "slip": options.ground.slip,
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -91,9 +95,11 @@ def train(options: Options, console: Console) -> Path:
                     "command": command(),
                     "budget": options.budget,
                     "seed": options.run.seed,
+                    "slip": options.ground.slip,
                     "stages": given,
                 }
-                ship(folder.path, models, params, made, options.tasks, options.engine)
+                slip = options.ground.slip
+                ship(folder.path, params, made, options.tasks, slip, options.engine)
             else:
                 jobs = [_job(stage, given[stage], options, folder.path) for stage in level]
                 if len(jobs) > 1:
@@ -145,7 +151,7 @@ def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -
     module: Any = importlib.import_module(f"train.{name}")
     own = paths.get(stage, {})
     required = {"value": own["value"]} if stage == "imitate" else {}
-    shared = {"robot": options.robot, "engine": options.engine}
+    shared = {"robot": options.robot, "engine": options.engine, "ground": options.ground}
     if stage == "harvest":
         shared |= {"out": folder / stage, "seed": options.run.seed, "resume": True}
     else:

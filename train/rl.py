@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from rich.console import Console
 from torch.utils.tensorboard import SummaryWriter
@@ -33,6 +34,7 @@ from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
 from train.critic import read_critic
+from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, quality
 from train.watch import Watch, stopping
@@ -84,6 +86,7 @@ def train(
     run: Run,
     robot: Robot,
     loop: Loop,
+    ground: Ground,
     validation: Validation,
     console: Console,
     *,
@@ -97,6 +100,7 @@ def train(
         run: Where the run is kept.
         robot: The robot's constants.
         loop: How the run goes.
+        ground: How much the wheels slip.
         validation: How it is validated.
         console: Where progress is shown.
         init_critic: Model file of a value network that PPO's critic begins with.
@@ -106,6 +110,7 @@ def train(
     """
     params, weights = robot.params(), loop.check()
     settings.check()
+    ground.check()
     validation.check()
     begin, begin_critic, critic = (
         None if file is None else run.own(file) for file in (loop.init, init_critic, loop.critic)
@@ -126,6 +131,7 @@ def train(
         "segment": loop.segment,
         "validate_every": loop.validate_every,
         "device": loop.device,
+        "slip": ground.slip,
         "seed": run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -139,6 +145,7 @@ def train(
             mask_in_observation=True,
             preset=robot.preset,
             task_suite=loop.tasks,
+            slip=np.linspace(0.0, 2.0, settings.num_envs)[:, None] * ground.slip,
             reward_weights={**weights, "gamma": settings.gamma},
             **parse_overrides(robot.set),
         )
@@ -199,7 +206,7 @@ def train(
                 note(now, {"frames_per_s": rate, **watch.figures()})
                 keep()
                 if segment == 1 or segment % loop.validate_every == 0 or now >= total:
-                    found = validation(folder.path / "last.safetensors", params)
+                    found = validation(folder.path / "last.safetensors", params, ground.slip)
                     note(now, found)
                     validated = keep(validation=found)  # nothing that depends on the machine
                     known = [quality(row) for row in rows[:-1] if row.get("raw_success", "") != ""]

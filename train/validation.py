@@ -8,6 +8,7 @@ from typing import Any
 
 from evaluate.protocol import Shard, run_shard
 from evaluate.statistics import summarise
+from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
@@ -28,14 +29,14 @@ class Validation:
         if not 1 <= self.validation_tasks <= 2000:
             raise InvalidInputError("validation_tasks", self.validation_tasks, "1 to 2000")
 
-    def __call__(self, model: Path, params: SnakeParams) -> dict[str, float]:
+    def __call__(self, model: Path, params: SnakeParams, slip: Slip = NO_SLIP) -> dict[str, float]:
         """Success rate, mean time and roll-outs per decision, raw and with the critic."""
         suite = load_tasks(SUITE, params)
         tasks = list(range(self.validation_tasks))
         states = [suite.initial(task, params) for task in tasks]
         figures: dict[str, float] = {}
         for label, policy in (("raw", str(model)), ("critic", f"{model}{CRITIC}")):
-            rows = run_shard(Shard(policy, tasks, states, params))
+            rows = run_shard(Shard(policy, tasks, states, params, slip=slip))
             summary: dict[str, Any] = summarise(rows, (), params)
             figures[f"{label}_success"] = round(summary["success_rate"], 5)
             figures[f"{label}_time_s"] = round(summary["time_s"]["mean"] or float("nan"), 3)

@@ -22,6 +22,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
+from train.ground import Ground
 from train.run import Run, RunFolder
 
 _LARGEST = 8 * 2**30  # bytes of an array of returns
@@ -39,6 +40,7 @@ class Options:
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
+    ground: Ground = field(default_factory=Ground)
     fit: Fit = field(default_factory=Fit)
     init: Path | None = None
     """Model file that plays the first generation, and whose weights are fitted further where it has
@@ -72,6 +74,7 @@ class Options:
         if self.distil and self.init is None:
             raise InvalidInputError("distil", True, "--init: whose values are to be learned")
         self.fit.check()
+        self.ground.check()
         self.engine.check()
         return self.robot.params()
 
@@ -99,6 +102,7 @@ def train(options: Options, console: Console) -> Path:
             key: getattr(options, key)
             for key in ("distil", "generations", "episodes", "trace_decay", "exact", "window")
         },
+        "slip": options.ground.slip,
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
@@ -128,6 +132,7 @@ def train(options: Options, console: Console) -> Path:
                     player,
                     trace_decay,
                     params,
+                    options.ground.slip,
                 )
                 for first in range(0, options.episodes, _PART)
                 for count in [min(_PART, options.episodes - first)]

@@ -49,7 +49,7 @@ class EnvOptions:
         mask_level: MaskLevel,
         on_infeasible: OnInfeasible,
         reward_weights: dict[str, float] | None,
-        slip: Sequence[float],
+        slip: Sequence[float] | FloatArray,
         task_suite: str | None,
         no_repeat: bool,
         params: dict[str, Any],
@@ -117,6 +117,11 @@ class EnvState:
 class EnvCore:
     """N robots.
 
+    Args:
+        count: N.
+        options: The keyword arguments, checked.
+        slips: How much each robot slips, shape (N, 2) [m, rad]; default: as the options say.
+
     Attributes:
         options: The keyword arguments, checked.
         states: Where the robots are.
@@ -124,8 +129,9 @@ class EnvCore:
         no_repeat: What they have tried where they stand still; None where the rule is off.
     """
 
-    def __init__(self, count: int, options: EnvOptions) -> None:
+    def __init__(self, count: int, options: EnvOptions, slips: FloatArray | None = None) -> None:
         self.options = options
+        self._slips = slips
         shapes = np.zeros((count, options.params.n_joints))
         self.states = StateBatch.initial(shapes, shapes, options.params)
         self.episodes = Episodes(self.states, options.params)
@@ -213,7 +219,8 @@ class EnvCore:
         before = self.states.take(indices)
         moved = transition(before, modes, options.on_infeasible, params)
         after, prediction = moved.after, moved.prediction
-        after = dataclasses.replace(after, w=slipped(after.w, options.slip, rngs))
+        slip = options.slip if self._slips is None else self._slips[indices]
+        after = dataclasses.replace(after, w=slipped(after.w, slip, rngs))
         self.states = self.states.put(indices, after)
         self.episodes.record(indices, after, prediction)
         if self.no_repeat is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from snake_env.errors import InvalidInputError, as_finite
 from snake_env.params import SnakeParams
 from snake_env.sim.simulation import Prediction, advance
-from snake_env.state import FloatArray, SnakeState
+from snake_env.state import FloatArray, SnakeState, StateBatch
 
 Slip = tuple[float, float]
 """Standard deviations for an interval: of the head's x and y [m], of its heading [rad]."""
@@ -40,18 +40,66 @@ def check_slip(given: Any) -> Slip:
     return float(scales[0] or 0.0), float(scales[1] or 0.0)
 
 
-def slipped(w: FloatArray, slip: Slip, rngs: Sequence[np.random.Generator]) -> FloatArray:
+def slip_of_each(given: Any, count: int) -> FloatArray | None:
+    """How much each of some robots slips, shape (count, 2); None where there is one slip for all.
+
+    Raises:
+        InvalidInputError: There is not one for each robot, or one can't be used.
+    """
+    several = isinstance(given, (Sequence, np.ndarray)) and len(given) and np.ndim(given[0]) == 1
+    if not several:
+        return None
+    if len(given) != count:
+        expected = f"(m, rad), or one pair for each of {count} robots"
+        raise InvalidInputError("slip", f"{len(given)} pairs", expected)
+    return np.array([check_slip(pair) for pair in given])
+
+
+def slipped(
+    w: FloatArray, slip: Slip | FloatArray, rngs: Sequence[np.random.Generator]
+) -> FloatArray:
     """Where heads are after an interval.
 
     Args:
         w: Where the model says, shape (N, 3) [m, m, rad].
-        slip: How much they slip.
+        slip: How much they slip; or how much each does, shape (N, 2).
         rngs: N sources of randomness.
     """
-    if not any(slip):
+    scales = np.broadcast_to(np.asarray(slip)[..., [0, 0, 1]], w.shape)
+    if not scales.any():
         return w
+    off: FloatArray = w + [rng.normal(0.0, scale) for rng, scale in zip(rngs, scales, strict=True)]
+    return off
+
+
+def slips(slip: Slip, count: int, rng: np.random.Generator) -> FloatArray:
+    """Domain randomisation: of some episodes each slips by its own share of ``slip``, from 0 to 2.
+
+    Args:
+        slip: The middle.
+        count: Number of episodes, N.
+        rng: Source of randomness; not used where nothing slips.
+
+    Returns:
+        Standard deviations for an interval, shape (N, 3) [m, m, rad].
+    """
     metres, radians = slip
-    return w + [rng.normal(0.0, [metres, metres, radians]) for rng in rngs]
+    shares = rng.uniform(0.0, 2.0, count) if any(slip) else np.zeros(count)
+    scales: FloatArray = shares[:, None] * np.array([metres, metres, radians])
+    return scales
+
+
+def slip_batch(states: StateBatch, scales: FloatArray, rng: np.random.Generator) -> StateBatch:
+    """States in which the heads have slipped.
+
+    Args:
+        states: N states at the end of an interval.
+        scales: Their standard deviations, shape (N, 3), as :func:`slips` gives them.
+        rng: Source of randomness; not used where nothing slips.
+    """
+    if not scales.any():
+        return states
+    return dataclasses.replace(states, w=states.w + scales * rng.normal(size=states.w.shape))
 
 
 class Floor:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from snake_env.envs.core import EnvCore, EnvOptions
 from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.envs.per_robot import of_each_robot
+from snake_env.envs.slip import NO_SLIP, slip_of_each
 from snake_env.envs.spaces import action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
@@ -23,7 +24,7 @@ from snake_env.params import SnakeParams
 from snake_env.rendering.painter import Painter
 from snake_env.rendering.scenes import still_scene
 from snake_env.sim.masks import MaskLevel
-from snake_env.state import IntArray
+from snake_env.state import FloatArray, IntArray
 
 Info = dict[str, Any]
 
@@ -41,6 +42,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         autoreset_mode: ``NEXT_STEP``, ``SAME_STEP`` or ``DISABLED``, as Gymnasium defines them.
         render_mode: ``rgb_array``, or None. The pictures show the robots at their t_k; the motion in
             between is drawn by the single env only.
+        slip: As that of the single env, or one for each robot, shape (num_envs, 2).
         **others: As those of :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
 
     Raises:
@@ -56,7 +58,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         mask_level: MaskLevel = "instant",
         on_infeasible: OnInfeasible = "terminate",
         reward_weights: dict[str, float] | None = None,
-        slip: Sequence[float] = (0.0, 0.0),
+        slip: Sequence[float] | FloatArray = (0.0, 0.0),
         task_suite: str | None = None,
         no_repeat: bool = False,
         render_mode: str | None = None,
@@ -71,11 +73,13 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
         if render_mode not in (None, "rgb_array"):
             expected = "'rgb_array' or None; a single env has the other modes"
             raise InvalidInputError("render_mode", render_mode, expected)
+        slips = slip_of_each(slip, count)
+        shared = slip if slips is None else NO_SLIP
         options = EnvOptions.parse(
-            preset, mask_level, on_infeasible, reward_weights, slip, task_suite, no_repeat, params
+            preset, mask_level, on_infeasible, reward_weights, shared, task_suite, no_repeat, params
         )
         self.num_envs = count
-        self.core = EnvCore(count, options)
+        self.core = EnvCore(count, options, slips)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {
             **SnakeModeSelectionEnv.metadata,
