@@ -103,7 +103,7 @@ def _evaluate(
     """Runs what is left to do, writes, prints and draws."""
     store = Store(options.out, config, resume=resume)
     warm_up(params)  # compiled once, before there are workers
-    console = make_console()
+    console = _console(options)
     began, before = time.monotonic(), store.done
     rows: dict[str, Any] = {}
     latencies: dict[str, list[float]] = {}
@@ -122,7 +122,7 @@ def _evaluate(
         raise
     except (WorkerLostError, OSError) as error:
         return _stop(f"error: {error}", 1, store, config, params, options)
-    print_results(console, summary)
+    print_results(make_console(), summary, options.format)
     for name in options.names:
         _print_errors(console, name, rows[name])
     console.print(f"{store.done - before} episodes in {duration:.1f} s")
@@ -144,12 +144,17 @@ def _finished(
         expected = "work with the same policies, tasks, options and constants (or --overwrite)"
         raise InvalidInputError("resume", str(options.out), expected)
     rows = read_episodes(options.out, summary, {name: name for name in options.names}, "resume")
-    console = make_console()
-    print_results(console, summary)
+    console = _console(options)
+    print_results(make_console(), summary, options.format)
     console.print("0 episodes: this run is finished")
     code = draw(options, rows, summary, params, suite, console, missing=True)
     print_comparisons(console, summary)
     return code
+
+
+def _console(options: Options) -> Console:
+    """Where all but the tables is printed: the output is theirs where a program will read them."""
+    return make_console(error=options.format != "text")
 
 
 def _shards(

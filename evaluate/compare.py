@@ -234,7 +234,7 @@ def _check_figures(
     params = SnakeParams().replace(**summary["params"])
     follow, given = summarise(rows, (), params), summary["policies"][policy]
     for key, value in follow.items():
-        if key != "decision_latency_us" and not _same(given.get(key), value):
+        if key not in ("name", "decision_latency_us") and not _same(given.get(key), value):
             reason = f"{key} of {policy} is {given.get(key)!r}; its episodes give {value!r}"
             raise InvalidInputError(field, str(path.parent), f"figures of its episodes ({reason})")
 

@@ -92,6 +92,7 @@ def compare(reference: str, first: Results, policy: str, second: Results) -> dic
     """
     only_first = int(np.sum(first.solved & ~second.solved))
     only_second = int(np.sum(second.solved & ~first.solved))
+    successes = int(first.solved.sum()), int(second.solved.sum())
     common = first.solved & second.solved
     faster = 0.5 + 0.5 * np.sign(first.time_s - second.time_s)
     priced = common & np.isfinite(first.cost) & np.isfinite(second.cost)
@@ -100,6 +101,8 @@ def compare(reference: str, first: Results, policy: str, second: Results) -> dic
         "reference": reference,
         "policy": policy,
         "n": len(first),
+        "success_reference": successes[0],
+        "success_policy": successes[1],
         "only_reference": only_first,
         "only_policy": only_second,
         "success_difference": (only_second - only_first) / len(first),
@@ -198,42 +201,38 @@ def sentence(entry: Mapping[str, Any], *, corrected: bool) -> str:
         corrected: Whether its p-values are corrected for further comparisons.
     """
     method = " after Holm" if corrected else ""
-    return f"{_success_clause(entry, method)}; {_time_clause(entry)}"
+    return f"{entry['policy']} {_success_clause(entry, method)}; {_time_clause(entry)}"
 
 
 def _success_clause(entry: Mapping[str, Any], method: str) -> str:
-    reference, policy, n = entry["reference"], entry["policy"], entry["n"]
-    only_first, only_second = entry["only_reference"], entry["only_policy"]
-    p = f"({_p_value(entry['mcnemar_p_holm'])}{method})"
-    if only_first == only_second == 0:
-        return f"{policy} solves exactly the tasks that {reference} solves"
-    if entry["mcnemar_p_holm"] < ALPHA:
-        difference = only_second - only_first
-        more = "more" if difference > 0 else "fewer"
-        return f"{policy} solves {abs(difference):,} {more} of {n:,} tasks than {reference} {p}"
-    return (
-        f"no difference in success between {policy} and {reference} is established: of {n:,} tasks "
-        f"{only_second:,} solved by the former alone, {only_first:,} by the latter alone {p}"
-    )
+    reference, n = entry["reference"], entry["n"]
+    own, others = entry["success_policy"], entry["success_reference"]
+    solved = f"solves {own:,} of {n:,} tasks"
+    if entry["only_reference"] == entry["only_policy"] == 0:
+        return f"{solved}, the same as {reference}"
+    p = _p_value(entry["mcnemar_p_holm"])
+    established = entry["mcnemar_p_holm"] < ALPHA
+    verdict = "" if established else "no difference is established, "
+    return f"{solved}, {reference} {others:,} ({verdict}{p}{method})"
 
 
 def _time_clause(entry: Mapping[str, Any]) -> str:
     common, difference = entry["common"], entry["time_difference_s"]
     if common == 0:
         return "no task is solved by both"
-    where = f"on the {common:,} tasks both solve" if common > 1 else "on the one task both solve"
+    where = f"on the {common:,} tasks that both solve" if common > 1 else "on the one both solve"
     if entry["wilcoxon_p"] is None:
-        return f"{where} it needs the same time"
+        return f"as fast {where}"
     if difference is None or common < LEAST_TASKS:
-        return f"{where} no difference in time is established"
+        return f"no difference in time is established {where}"
     mean, low, high = (difference[key] for key in ("mean", "low", "high"))
     if low > 0 or high < 0:
-        more = "more" if low > 0 else "less"
+        more = "slower" if low > 0 else "faster"
         least, most = sorted((abs(low), abs(high)))
-        size = f"{_seconds(abs(mean))} s {more}, 95 % [{_seconds(least)}, {_seconds(most)}]"
-        return f"{where} it needs {size}"
-    size = f"{mean:+.1f} s, 95 % [{low:+.1f}, {high:+.1f}]"
-    return f"{where} no difference in time is established ({size})"
+        span = f"{_seconds(least)} to {_seconds(most)} s"
+        return f"{_seconds(abs(mean))} s {more} {where} (95 % CI {span})"
+    span = f"{low:+.1f} to {high:+.1f} s"
+    return f"no difference in time is established {where} ({mean:+.1f} s, 95 % CI {span})"
 
 
 def _seconds(time_s: float) -> str:

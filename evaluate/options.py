@@ -11,6 +11,7 @@ import tyro
 
 from evaluate.deadline import check_limit
 from evaluate.outside import is_outside
+from evaluate.table import Format
 from harness.engine import Engine
 from harness.options import Assignments, parse_overrides
 from snake_env.envs.slip import NO_SLIP, check_slip
@@ -65,6 +66,9 @@ class Options:
     video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
     """Also write videos into --out, the first policy beside the fastest other: of these tasks (sim-1 or
     numbers), or default: sim-1, the median task, the slowest. MP4 with the extra video, else GIF."""
+    format: Format = "text"
+    """How the tables are printed: text, md (Markdown), latex or csv; the last three alone, so that they
+    can go to a file."""
     engine: Engine = field(default_factory=Engine)
 
     @property

@@ -109,15 +109,15 @@ def _against(reference: str, first: Results, results: Mapping[str, Results]) -> 
 
 
 def _sentence(name: str, entry: Mapping[str, Any]) -> str:
-    rates = [f"{100 * entry[which]['success_rate']:.2f}" for which in ("best", "median", "worst")]
+    rates = [f"{100 * entry[which]['success_rate']:.2f} %" for which in ("best", "median", "worst")]
     text = (
-        f"{len(entry['policies'])} seeds of {name} solve {rates[0]} % (best), {rates[1]} % (median), "
-        f"{rates[2]} % (worst)"
+        f"{len(entry['policies'])} seeds of {name} solve {rates[0]} (best), {rates[1]} (median) and "
+        f"{rates[2]} (worst)"
     )
     difference = entry.get("success_difference")
     if difference is None:
         return text
     mean, low, high = (100 * difference[key] for key in ("mean", "low", "high"))
     text += f"; on average {mean:+.2f} points against {entry['reference']}"
-    verdict = "" if low > 0 or high < 0 else ": no difference is established"
-    return f"{text}, 95 % [{low:+.2f}, {high:+.2f}] over seeds and tasks{verdict}"
+    verdict = "" if low > 0 or high < 0 else ", no difference is established"
+    return f"{text} (95 % CI over seeds and tasks {low:+.2f} to {high:+.2f}{verdict})"

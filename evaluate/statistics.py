@@ -16,7 +16,7 @@ from snake_env.params import SnakeParams
 VIOLATIONS = ("stability", "joint_limit", "collision")
 _NEEDED = (
     *("outcome", "phase", "time_s", "cost_integral", "d_min", "max_abs_phi"),
-    *("head_error_m", "head_error_rad", "rollouts"),
+    *("head_error_m", "head_error_rad", "shape_error_rad", "rollouts"),
 )
 
 
@@ -29,7 +29,7 @@ def wilson95(successes: int, n: int) -> tuple[float, float]:
 def summarise(
     rows: Sequence[Row], latencies_us: Sequence[float], params: SnakeParams
 ) -> dict[str, Any]:
-    """Figures of one policy's episodes; times and costs are of the successful ones.
+    """Figures of one policy's episodes; times, costs and shape errors are of the successful ones.
 
     Args:
         rows: Its episodes, at least one.
@@ -43,9 +43,11 @@ def summarise(
     outcome, phase = figures["outcome"], figures["phase"]
     solved = outcome == "success"
     times, horizon = figures["time_s"][solved], params.horizon_s
+    errors = figures["shape_error_rad"][solved]
     decisions = int(figures["decisions"].sum())
     restricted = np.where(solved, np.minimum(figures["time_s"], horizon), horizon)
     return {
+        "name": rows[0]["policy"],
         "n": len(rows),
         "success": int(solved.sum()),
         "success_rate": int(solved.sum()) / len(rows),
@@ -62,6 +64,11 @@ def summarise(
         "max_abs_phi": float(figures["max_abs_phi"].max()),
         "head_error_m": float(figures["head_error_m"].mean()),
         "head_error_rad": float(figures["head_error_rad"].mean()),
+        "shape_error_rad": {
+            "median": _or_none(np.median, errors),
+            "p90": _or_none(lambda x: np.percentile(x, 90), errors),
+            "max": _or_none(np.max, errors),
+        },
         "violations": int(np.isin(outcome, VIOLATIONS).sum()),
         "outcomes": dict(sorted(Counter(outcome.tolist()).items())),
         "failures_by_phase": {

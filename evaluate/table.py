@@ -1,64 +1,145 @@
-"""The tables in the terminal, for 80 columns and more: our figures beside the paper's."""
+"""The tables of an evaluation: texts, for the terminal, Markdown, LaTeX and CSV."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
-from typing import Any
+import io
+from dataclasses import dataclass
+from typing import Any, Literal
 
+from rich import box
 from rich.table import Table
 
 from evaluate.statistics import wilson95
 from snake_env.params import SnakeParams
 
+Format = Literal["text", "md", "latex", "csv"]
+
 # Section V of the paper: 496 of 500 succeed, in 27 to 180 s, with d_min = 0.18 m; section VI: 0.15 s.
 _PAPER = "paper (quoted)"
+_LATEX = str.maketrans(
+    {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "|": "$|$", "<": "$<$", "\\": "/"}
+)
 
 
-def result_tables(summary: dict[str, Any]) -> list[tuple[str, Table]]:
-    """Success and time of each policy, then motion and cost; with the paper where it compares.
+@dataclass(frozen=True)
+class TextTable:
+    """A table of texts.
 
-    Returns:
-        Titles and tables.
+    Attributes:
+        title: What it shows.
+        columns: Heads of the columns.
+        rows: A row for each policy, its name first.
+        quoted: A row of the paper's figures that comes first, where it compares.
     """
-    tasks = summary["tasks"]
-    title = f"{tasks['name']}: {tasks['n']} tasks, preset {summary['preset']}"
-    outcome = _table("success", "95 %", "min", "median", "mean", "max [s]")
-    motion = _table(
-        *("d_min [m]", "max |phi|", "int V", "head off [m]", "off [rad]"),
-        *("roll-outs", "p50", "p95 [us]"),
-    )
-    if summary["params"] == dataclasses.asdict(SnakeParams()):
-        outcomes = (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180")
-        outcome.add_row(*outcomes, style="dim italic")
-        motions = (_PAPER, "0.18", "<= pi/2", "-", "-", "-", "<= 99", "-", "150000")
-        motion.add_row(*motions, style="dim italic")
-    for name, row in summary["policies"].items():
-        time, latency = row["time_s"], row["decision_latency_us"]
-        outcome.add_row(
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    quoted: tuple[str, ...] | None = None
+
+    def rich(self, style: box.Box | None = None) -> Table:
+        """For the terminal, or in another box."""
+        table = Table(padding=(0, 1, 0, 0), box=style)
+        table.add_column(self.columns[0], style="bold", no_wrap=True)
+        for column in self.columns[1:]:
+            table.add_column(column, justify="right")
+        if self.quoted is not None:
+            table.add_row(*self.quoted, style="dim italic")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+    def latex(self) -> str:
+        """For a paper, with the rules of booktabs."""
+        rows = [self.columns, *filter(None, [self.quoted]), *self.rows]
+        lines = [" & ".join(text.translate(_LATEX) for text in row) + r" \\" for row in rows]
+        begin = rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
+        body = [r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
+        return "\n".join([f"% {self.title}", begin, *body, r"\end{tabular}"])
+
+    def csv(self) -> str:
+        """For a program."""
+        text = io.StringIO()
+        rows = [self.columns, *filter(None, [self.quoted]), *self.rows]
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        return text.getvalue().rstrip("\n")
+
+
+def result_tables(summary: dict[str, Any]) -> list[TextTable]:
+    """Success and time of each policy, its motion, and the cost of a decision."""
+    like_paper = summary["params"] == dataclasses.asdict(SnakeParams()) and not any(summary["slip"])
+    policies = summary["policies"].items()
+    outcomes = [
+        (
             name,
             f"{row['success']}/{row['n']}",
             _interval(row["wilson95"]),
-            *(_number(time[key], ".0f") for key in ("min", "median")),
-            *(_number(time["mean"], ".1f"), _number(time["max"], ".0f")),
+            *(_number(row["time_s"][key], ".0f") for key in ("min", "median")),
+            *(_number(row["time_s"]["mean"], ".1f"), _number(row["time_s"]["max"], ".0f")),
         )
-        motion.add_row(
+        for name, row in policies
+    ]
+    motions = [
+        (
             name,
-            _number(row["d_min"], ".3f"),
-            _number(row["max_abs_phi"], ".4f"),
+            *(_number(row["d_min"], ".3f"), _number(row["max_abs_phi"], ".4f")),
+            _number(row["shape_error_rad"]["median"], ".3f"),
+            _number(1000.0 * row["head_error_m"], ".1f"),
             _number(row["cost_integral"], ".1f"),
-            *(_number(row[f"head_error_{unit}"], ".2f") for unit in ("m", "rad")),
-            _number(row["rollouts_per_decision"], ".1f"),
-            *(_number(latency[key], ".0f") for key in ("p50", "p95")),
         )
-    return [(title, outcome), ("motion and cost of a decision", motion)]
+        for name, row in policies
+    ]
+    costs = [
+        (
+            name,
+            _number(row["rollouts_per_decision"], ".1f"),
+            *(_number(row["decision_latency_us"][key], ".0f") for key in ("p50", "p95")),
+        )
+        for name, row in policies
+    ]
+    quoted = (
+        (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180"),
+        (_PAPER, "0.18", "<= pi/2", "-", "-", "-"),
+        (_PAPER, "<= 99", "-", "<= 150000"),
+    )
+    times = ("policy", "success", "95 % CI", "min", "median", "mean", "max [s]")
+    motion = (
+        *("policy", "d_min [m]", "max |phi| [rad]", "shape error [rad]", "head error [mm]"),
+        "integral of V [s]",
+    )
+    cost = ("policy", "roll-outs", "p50 [us]", "p95 [us]")
+    tables = (
+        (_title(summary), times, outcomes),
+        ("motion", motion, motions),
+        ("cost of a decision", cost, costs),
+    )
+    return [
+        TextTable(*table, first if like_paper else None)
+        for table, first in zip(tables, quoted, strict=True)
+    ]
 
 
-def _table(*columns: str) -> Table:
-    table = Table(padding=(0, 1, 0, 0), box=None)
-    table.add_column("policy", style="bold", no_wrap=True)
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=" " not in column)
-    return table
+def _title(summary: dict[str, Any]) -> str:
+    """The tasks, the robot, and what is unusual about both."""
+    tasks, (metres, radians) = summary["tasks"], summary["slip"]
+    usual = dataclasses.asdict(SnakeParams.preset(summary["preset"]))
+    changed = [f"{key}={value}" for key, value in summary["params"].items() if value != usual[key]]
+    count = f"{tasks['n']:,} task" + ("s" if tasks["n"] != 1 else "")
+    parts = [f"{tasks['name']}: {count}", f"preset {summary['preset']}", *changed]
+    if metres or radians:
+        parts.append(f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval")
+    return ", ".join(parts)
+
+
+def printed(table: TextTable, form: Format) -> str | Table:
+    """A table as it is printed."""
+    if form == "latex":
+        return table.latex()
+    if form == "csv":
+        return table.csv()
+    return table.rich(box.MARKDOWN if form == "md" else None)
 
 
 def failure_lines(summary: dict[str, Any]) -> list[str]:

@@ -33,9 +33,10 @@ class PlainConsole(Console):
         raise
 
 
-def console() -> PlainConsole:
-    """Where results are printed: 100 columns where there is no terminal."""
-    return PlainConsole(width=None if sys.stdout.isatty() else 100)
+def console(*, error: bool = False) -> PlainConsole:
+    """Where results are printed, or with ``error`` the rest: 100 columns where there is no terminal."""
+    stream = sys.stderr if error else sys.stdout
+    return PlainConsole(width=None if stream.isatty() else 100, stderr=error)
 
 
 def complain(text: str) -> None:

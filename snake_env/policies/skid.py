@@ -60,6 +60,7 @@ def skid(state: SnakeState, params: SnakeParams) -> tuple[EpisodeSummary, FloatA
         outcome="collision" if closest < params.d_touch else "success" if reached else "horizon",
         intervals=int(np.ceil(duration / params.delta_t)),
         time_s=duration,
+        shape_error_rad=float(np.abs(state.target - phi).max()),
         phase=params.n_joints + 1,
         cost_integral=float("nan"),
         d_min=closest,

@@ -37,6 +37,7 @@ class EpisodeSummary:
         outcome: One of :data:`OUTCOMES`; empty while the episode goes on.
         intervals: Decisions made.
         time_s: Duration [s].
+        shape_error_rad: Largest error of a joint, now or at the end: max |phi_i - target_i| [rad].
         phase: Phase at the end; n + 1 after a success.
         cost_integral: Integral of V (19) [s].
         d_min: Least distance between links that could collide [m].
@@ -48,6 +49,7 @@ class EpisodeSummary:
     outcome: str
     intervals: int
     time_s: float
+    shape_error_rad: float
     phase: int
     cost_integral: float
     d_min: float
@@ -120,6 +122,7 @@ class Episodes:
             "outcome": self.outcome,
             "intervals": self._intervals,
             "time_s": self._states.elapsed,
+            "shape_error_rad": np.abs(self._states.phi - self._states.target).max(axis=1),
             "phase": self._states.phase,
             **self._figures,
         }

@@ -27,7 +27,7 @@ from PIL import Image
 from evaluate import __main__ as command
 from evaluate.protocol import Shard, run_episode, run_shard
 from evaluate.statistics import summarise, wilson95
-from evaluate.table import result_tables
+from evaluate.table import printed, result_tables
 from evaluate.terminal import print_comparisons
 from harness.command import PlainConsole, console
 from harness.engine import Engine, WorkerLostError
@@ -41,7 +41,7 @@ from tests.support.robots import PAPER
 POLICY_KEYS = {
     *("n", "success", "success_rate", "wilson95", "time_s", "restricted_mean_time_s"),
     *("cost_integral", "d_min", "max_abs_phi", "violations", "rollouts_per_decision"),
-    "decision_latency_us",
+    *("decision_latency_us", "shape_error_rad", "name"),
 }
 SIXTY = [
     *(15, 13, 12, 12, 13, 15, 12, 10, 12, 13, 17, 16, 15, 14, 19, 9, 15, 15, 16, 13),
@@ -50,7 +50,9 @@ SIXTY = [
 ]  # intervals that (21) needs
 ROW = {
     "outcome": "success",
+    "policy": "analytic",
     "time_s": 291.0,
+    "shape_error_rad": 0.0345,
     "phase": 9,
     "cost_integral": 12.345,
     "d_min": 0.1784,
@@ -237,9 +239,12 @@ def test_paper_500__gives_the_headline(folder: Path) -> None:
 
 def test_table__quotes_the_paper_beside_our_figures(folder: Path, report: Path) -> None:
     table = (folder / "table").read_text()
-    quoted, quoted_motion = [line.split() for line in table.splitlines() if "quoted" in line]
+    quoted, quoted_motion, quoted_cost = [
+        line.split() for line in table.splitlines() if "quoted" in line
+    ]
     assert quoted[2:] == ["496/500", "98.0-99.7", "27", "-", "-", "180"]
     assert quoted_motion[2:4] == ["0.18", "<="]
+    assert quoted_cost[2:] == ["<=", "99", "-", "<=", "150000"]
     own = next(line.split() for line in table.splitlines() if line.split()[:1] == ["analytic"])
     assert own == ["analytic", "6/6", "61.0-100.0", "33", "39", "39.5", "51"]
     assert str(report) in table
@@ -250,14 +255,15 @@ def test_tables__fit_into_80_columns() -> None:
         "tasks": {"name": "random:10000:12345", "n": 10_000},
         "preset": "paper",
         "params": dataclasses.asdict(PAPER),
+        "slip": [0.0, 0.0],
         "policies": {
             name: summarise([ROW] * 10_000, [123_456.0] * 9, PAPER)
             for name in ("analytic", "first-feasible")
         },
     }
     out = io.StringIO()
-    for _, table in result_tables(summary):
-        PlainConsole(file=out, width=80).print(table)
+    for table in result_tables(summary):
+        PlainConsole(file=out, width=80).print(printed(table, "text"))
     text = out.getvalue()
     assert "\u2026" not in text  # nothing is cut off
     for figure in (

@@ -27,6 +27,7 @@ def _row(outcome: str = "success", time_s: float = 30.0, **changes: Any) -> dict
         "max_abs_phi": 1.5,
         "head_error_m": 0.0,
         "head_error_rad": 0.0,
+        "shape_error_rad": 0.03,
         "rollouts": 100,
         "modes": " ".join(["3"] * 10),
         "error": "",
@@ -61,8 +62,8 @@ def test_wilson__has_known_values(k: int, n: int, low: float, high: float) -> No
 
 def test_summary__of_mixed_rows() -> None:
     rows = [
-        _row(time_s=27.0, cost_integral=4.0, d_min=0.3),
-        _row(time_s=36.0, cost_integral=5.0, d_min=0.2),
+        _row(time_s=27.0, cost_integral=4.0, d_min=0.3, shape_error_rad=0.01),
+        _row(time_s=36.0, cost_integral=5.0, d_min=0.2, shape_error_rad=0.05),
         _row(time_s=36.0, cost_integral=9.0, max_abs_phi=1.57),
         _row("deadlock", 300.0, cost_integral=270.0, head_error_m=0.5, head_error_rad=0.2),
         _row("stability", 7.5, phase=2, d_min=0.15),
@@ -80,6 +81,9 @@ def test_summary__of_mixed_rows() -> None:
     assert (summary["d_min"], summary["max_abs_phi"]) == (0.15, 1.58)
     assert summary["head_error_m"] == pytest.approx(0.5 / 8)
     assert summary["head_error_rad"] == pytest.approx(0.2 / 8)
+    errors = {"median": 0.03, "p90": pytest.approx(0.03 + 0.8 * 0.02), "max": 0.05}
+    assert summary["shape_error_rad"] == errors  # of the successes only
+    assert summary["name"] == "p"
     assert summary["violations"] == 3
     assert summary["outcomes"] == {
         "deadlock": 1,
@@ -105,6 +109,7 @@ def test_summary__without_success_has_no_times() -> None:
     summary = summarise([_row("horizon", 300.0), _row("collision", 9.0)], [1.0], PAPER)
     assert summary["time_s"] == dict.fromkeys(("min", "median", "mean", "max"))
     assert summary["cost_integral"] is None
+    assert summary["shape_error_rad"] == dict.fromkeys(("median", "p90", "max"))
     assert summary["restricted_mean_time_s"] == 300.0
     assert (summary["success_rate"], summary["violations"]) == (0.0, 1)
     assert summary["wilson95"][0] == 0.0
@@ -126,7 +131,7 @@ def test_summary__of_one_row_without_decisions_or_cost() -> None:
     summary = summarise([row], [], PAPER)
     assert summary["time_s"] == dict.fromkeys(("min", "median", "mean", "max"), 2.5)
     assert summary["cost_integral"] is None
-    assert summary["rollouts_per_decision"] is None
+    assert summary["shape_error_rad"] == dict.fromkeys(("median", "p90", "max"))
     assert summary["decision_latency_us"] == dict.fromkeys(("p50", "p95", "p99"))
     json.dumps(summary, allow_nan=False)
 

@@ -102,6 +102,7 @@ def test_figures__add_up_over_intervals() -> None:
         outcome="",
         intervals=2,
         time_s=6.0,
+        shape_error_rad=float(np.abs(third.phi - third.target).max()),
         phase=1,
         cost_integral=2.0,
         d_min=0.25,
