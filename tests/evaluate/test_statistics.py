@@ -131,7 +131,7 @@ def test_summary__of_one_row_without_decisions_or_cost() -> None:
     summary = summarise([row], [], PAPER)
     assert summary["time_s"] == dict.fromkeys(("min", "median", "mean", "max"), 2.5)
     assert summary["cost_integral"] is None
-    assert summary["shape_error_rad"] == dict.fromkeys(("median", "p90", "max"))
+    assert summary["rollouts_per_decision"] is None
     assert summary["decision_latency_us"] == dict.fromkeys(("p50", "p95", "p99"))
     json.dumps(summary, allow_nan=False)
 
