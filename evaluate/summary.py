@@ -12,6 +12,7 @@ from evaluate.comparison import Results, compare_all, profile
 from evaluate.protocol import Row, chooses_modes
 from evaluate.seeds import seed_entries
 from evaluate.statistics import summarise
+from harness.provenance import revision
 from snake_env.params import SnakeParams
 
 
@@ -47,6 +48,7 @@ def build_summary(
         "seeds": seed_entries(results) if results else {},
         **{key: config[key] for key in ("tasks", "preset", "params", "slip")},
         "command": command,
+        "git": revision(),
         "versions": {
             "snake-mode-env": version("snake-mode-env"),
             "python": platform.python_version(),

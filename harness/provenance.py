@@ -1,9 +1,11 @@
-"""Provenance: the command line that made a result, as the result's records name it."""
+"""Provenance: the command line and the revision that made a result, as its records name them."""
 
 from __future__ import annotations
 
 import shlex
+import subprocess
 from collections.abc import Sequence
+from pathlib import Path
 
 _words: list[str] = []
 
@@ -34,3 +36,18 @@ def words_without(words: Sequence[str], *options: str) -> list[str]:
         else:
             kept.append(word)
     return kept
+
+
+def revision() -> str | None:
+    """The checkout's revision, with a + where files have changed since; None outside of a checkout."""
+    here = Path(__file__).parent
+    try:
+        commit, changes = (
+            subprocess.run(
+                ["git", *words], cwd=here, capture_output=True, text=True, check=True
+            ).stdout.strip()
+            for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "-uno"))
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return commit + ("+" if changes else "")

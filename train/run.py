@@ -8,7 +8,6 @@ import io
 import json
 import os
 import platform
-import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import tyro
 
 from harness.files import write_atomically
 from harness.folder import Layout, held
-from harness.provenance import command
+from harness.provenance import command, revision
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from train.records import ABOUT, SCHEMA, read_about, read_log
@@ -140,7 +139,7 @@ class RunFolder:
             "robot": self._robot,
             "command": command(),
             "config": self.config,
-            "git": _git_revision(),
+            "git": revision(),
             "python": platform.python_version(),
             "versions": {name: _version(name) for name in _PACKAGES},
             "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
@@ -174,18 +173,3 @@ def _version(name: str) -> str | None:
         return version(name)
     except PackageNotFoundError:
         return None
-
-
-def _git_revision() -> str | None:
-    """The checkout's revision, with a + where it was changed; None outside of one."""
-    here = Path(__file__).parent
-    try:
-        revision, changes = (
-            subprocess.run(
-                ["git", *words], cwd=here, capture_output=True, text=True, check=True
-            ).stdout.strip()
-            for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "-uno"))
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return revision + ("+" if changes else "")

@@ -15,7 +15,6 @@ from evaluate.report.svg import (
     Scale,
     arrow,
     drawing,
-    hue,
     labelled,
     line,
     linear,
@@ -195,39 +194,34 @@ def _rollouts_axis(entries: Sequence[Entry]) -> tuple[Scale, list[Markup]]:
 
 
 def latency_chart(entries: Sequence[Entry], paper: bool) -> Markup:
-    """Success against the time that a decision takes: its median, with a line to the 95th percentile.
+    """Success against the 95th percentile of the time that a decision takes.
+
+    The median would flatter a planner, which searches once and then follows its plan.
 
     Args:
         entries: The policies.
         paper: Whether to mark the paper's 0.15 s.
     """
-    known = [e for e in entries if e.figures["decision_latency_us"]["p50"] is not None]
-    medians = {entry.name: _latency_ms(entry, "p50") for entry in known}
+    known = [e for e in entries if e.figures["decision_latency_us"]["p95"] is not None]
     tails = {entry.name: _latency_ms(entry, "p95") for entry in known}
-    times = [*medians.values(), *tails.values(), *([_PAPER_LATENCY_MS] if paper else [])] or [1.0]
+    times = [*tails.values(), *([_PAPER_LATENCY_MS] if paper else [])] or [1.0]
     low, high = 0.6 * min(times), 1.7 * max(times)
     scale = logarithmic(low, high, 48.0, WIDTH - 18.0)
     powers = [10.0**k for k in range(-3, 6)]
     axis = x_axis(
         scale,
         labelled(p for p in powers if low <= p <= high),
-        *(28.0, 210.0, "time per decision [ms], median to 95th percentile"),
+        *(28.0, 210.0, "time per decision [ms], 95th percentile"),
     )
     if paper:
         x = scale(_PAPER_LATENCY_MS)
         axis.append(tag("line", x1=x, x2=x, y1=28.0, y2=210.0, class_="limit"))
         axis.append(tag("text", "paper 0.15 s", x=x - 5, y=204.0, text_anchor="end"))
-    places = [(entry, scale(medians[entry.name])) for entry in known]
-    ends = {name: scale(time) for name, time in tails.items()}
-    return _cost("Success against time per decision", places, axis, ends)
+    places = [(entry, scale(tails[entry.name])) for entry in known]
+    return _cost("Success against time per decision", places, axis)
 
 
-def _cost(
-    title: str,
-    places: Sequence[tuple[Entry, float]],
-    axis: list[Markup],
-    tails: Mapping[str, float] | None = None,
-) -> Markup:
+def _cost(title: str, places: Sequence[tuple[Entry, float]], axis: list[Markup]) -> Markup:
     """Success rates with Wilson intervals at given places along an axis."""
     low = _lowest([entry for entry, _ in places], None)
     y_scale = linear(low, 100.0, 204.0, 28.0)
@@ -241,9 +235,6 @@ def _cost(
             parts.append(arrow(x, 202.0, entry.style, told, turn=-90, label=f"{rate:.0f} %"))
             continue
         y = y_scale(rate)
-        if tails is not None:
-            tail = line([(x, y), (max(x, tails[entry.name]), y)], "tail")
-            parts.append(tag("g", tail, class_=hue(entry.style)))
         parts.append(whisker(x, y_scale(max(low, bottom)), x, y_scale(top), entry.style))
         parts.append(marker(x, y, entry.style, told))
     return drawing(title, 250.0, parts)

@@ -18,6 +18,7 @@ from evaluate.protocol import SKID, Row
 from evaluate.report import charts, paper_figures, svg
 from evaluate.report.charts import Entry
 from evaluate.report.episodes import that_choose
+from evaluate.report.findings import findings, ground, headline
 from evaluate.report.formats import (
     constant,
     estimate,
@@ -58,7 +59,7 @@ def render(
         for style, name in enumerate(policies)
     ]
     compared = [entry for entry in entries if entry.name != SKID] or entries
-    like_paper = params == SnakeParams()
+    like_paper = params == SnakeParams() and not any(summary["slip"])
     replays = data(policies, episodes, params)
     environment = Environment(
         loader=FileSystemLoader(_HERE),
@@ -71,11 +72,14 @@ def render(
         summary=summary,
         style=_asset("style.css"),
         script=Markup("\n").join(_asset(name) for name in _SCRIPTS),
-        headlines=_headlines(compared, summary),
+        headline=headline(compared, summary),
+        findings=findings(summary),
+        ground=ground(summary["slip"]),
         table=[_cells(entry) for entry in entries],
         like_paper=like_paper,
         paper_interval=interval(wilson95(*_PAPER_SUCCESS)),
         has_skid=SKID in policies,
+        has_latency=any(e.figures["decision_latency_us"]["p50"] is not None for e in entries),
         legend=[(entry.name, svg.key(entry.style)) for entry in compared],
         charts=_charts(compared, rows, like_paper),
         pairs=_pairs(summary),
@@ -122,13 +126,6 @@ def _ratio(
     return {"mean": sum(own[task] for task in common) / base} if base > 0 else None
 
 
-def _headlines(entries: Sequence[Entry], summary: Mapping[str, Any]) -> list[str]:
-    """What was found, in sentences."""
-    seeds = (summary.get("seeds") or {}).values()
-    told = [entry["sentence"] for entry in (*_comparisons(summary), *seeds)]
-    return told or [_headline(entry) for entry in entries]
-
-
 def _comparisons(summary: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     """The comparisons with the first policy that chooses modes."""
     return summary.get("comparisons") or []
@@ -153,18 +150,6 @@ def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     ]
 
 
-def _headline(entry: Entry) -> str:
-    figures = entry.figures
-    text = (
-        f"{entry.name} solves {figures['success']} of {figures['n']} tasks "
-        f"(95 %: {interval(figures['wilson95'])} %)"
-    )
-    if figures["time_s"]["median"] is not None:
-        text += f", half of them within {figures['time_s']['median']:.0f} s"
-    cost = figures["rollouts_per_decision"]
-    return text + (f", for {number(cost)} roll-outs a decision." if cost is not None else ".")
-
-
 def _cells(entry: Entry) -> dict[str, Any]:
     """A row of the results table: texts."""
     figures, time = entry.figures, entry.figures["time_s"]
@@ -180,7 +165,9 @@ def _cells(entry: Entry) -> dict[str, Any]:
         "ratio": number(ratio, 3),
         "d_min": number(figures["d_min"], 3),
         "max_abs_phi": number(figures["max_abs_phi"], 3),
-        "head": number(figures["head_error_m"], 2),
+        "shape": number(figures["shape_error_rad"]["median"], 3),
+        "head": number(1000.0 * figures["head_error_m"], 1),
+        "skids": entry.name == SKID,
         "rollouts": number(figures["rollouts_per_decision"], 1),
         "latency": [milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
     }
@@ -200,9 +187,11 @@ def _charts(
          charts.profile_chart(entries, rows)),
         ("What a decision costs the model", "Success against model roll-outs per decision.",
          charts.rollouts_chart(entries)),
-        ("What a decision costs the clock", "Success against the time per decision, on this machine.",
-         charts.latency_chart(entries, like_paper)),
     ]  # fmt: skip
+    if any(entry.figures["decision_latency_us"]["p50"] is not None for entry in entries):
+        caption = "Success against the 95th percentile of the time per decision, on this machine."
+        clock = charts.latency_chart(entries, like_paper)
+        made.append(("What a decision costs the clock", caption, clock))
     if len(entries) > 1:
         caption = f"Mean time over that of {first}, on the tasks that both solve"
         made.insert(
