@@ -94,6 +94,7 @@ class Player {
       outcome.textContent = `${this.ending(run)}, ${run.end.toFixed(1)} s`;
       outcome.title = run.error;
       outcome.classList.toggle("failed", !run.solved);
+      outcome.classList.toggle("neutral", run.skids);
       traces.name(this.policies[select.value]);
     }
     this.redraw();
@@ -101,13 +102,16 @@ class Player {
 
   /** How a run ended, in words. */
   ending(run) {
+    let head = "";
     if (run.w) {
       const [x, y] = run.at(run.end).w.map((value, k) => value - this.robot.w_d[k]);
-      return `${run.outcome}: head off by ${Math.hypot(x, y).toFixed(2)} m`;
+      const off = Math.hypot(x, y);
+      head = `, head ${off < 0.1 ? `${(1000 * off).toFixed(1)} mm` : `${off.toFixed(2)} m`} off`;
     }
-    if (run.solved) return "target reached";
+    if (run.skids) return (run.solved ? "shape reached" : run.outcome.replace("_", " ")) + head;
+    if (run.solved) return "target reached" + head;
     const phase = run.phases.length ? ` in phase ${run.lastPhase}` : "";
-    return run.outcome.replace("_", " ") + phase;
+    return (WHY[run.outcome] ?? run.outcome.replace("_", " ")) + phase + head;
   }
 
   decode(policy) {
@@ -203,3 +207,12 @@ class Player {
     actions[event.key]();
   }
 }
+/** Failures in words. */
+const WHY = {
+  stability: "tipped over: the centre of gravity left the support polygon",
+  joint_limit: "a joint passed its limit",
+  collision: "links touched",
+  deadlock: "deadlock: nothing moves any more",
+  horizon: "out of time",
+};
+

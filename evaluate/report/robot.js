@@ -72,6 +72,11 @@ class Run {
   get solved() {
     return this.outcome === "success";
   }
+
+  /** Whether it chose no modes and dragged the head along. */
+  get skids() {
+    return Boolean(this.w) && this.modes.length === 0;
+  }
 }
 
 /** Places of the robot's parts: the same as snake_env.drawing.geometry. */
