@@ -110,9 +110,9 @@ class Settings:
     """Share of random choices at the beginning."""
     exploration_end: float = 0.01
     """Share of random choices after the first half."""
-    anchor: float = 1.0
+    anchor: float = 10.0
     """Weight of staying close to the action values of --init, beside the Bellman error."""
-    average: float = 1.0
+    ema_rate: float = 1.0
     """Share of the newest weights, after each round of updates, in the running mean that is validated
     and kept; 1: the newest weights alone."""
 
@@ -121,8 +121,8 @@ class Settings:
         check_hidden(self.hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "learning_rate")
         check_positive(self, "buffer_size", "gradient_steps", "target_update")
-        check_share(self, "exploration", "exploration_end", "gamma", "average")
-        check_positive(self, "average")
+        check_share(self, "exploration", "exploration_end", "gamma", "ema_rate")
+        check_positive(self, "ema_rate")
         if not 0.0 <= self.anchor < math.inf:
             raise InvalidInputError("anchor", self.anchor, "zero or a positive number")
         check_at_most(self, 65_536, "num_envs", "n_steps", "batch_size")
@@ -167,7 +167,7 @@ class DQNLearner(Learner):
         model.weight = settings.anchor
         self._settings, layers = settings, linear_layers(model.q_net.q_net)
         super().__init__(
-            model, layers, settings.timesteps, settings.learning_rate, settings.average
+            model, layers, settings.timesteps, settings.learning_rate, settings.ema_rate
         )
 
     def begin(self, preferences: Network) -> None:

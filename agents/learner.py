@@ -35,7 +35,7 @@ class Learner(ABC):
         layers: The layers of its policy.
         timesteps: Decisions to learn from.
         learning_rate: The largest.
-        average: Share of the newest weights in the mean after each update.
+        ema_rate: Share of the newest weights in the mean after each update.
 
     Attributes:
         name: What the command is called.
@@ -50,11 +50,11 @@ class Learner(ABC):
         layers: list[nn.Linear],
         timesteps: int,
         learning_rate: float,
-        average: float,
+        ema_rate: float,
     ) -> None:
         self.model = model
         self._layers, self._timesteps, self._learning_rate = layers, timesteps, learning_rate
-        mean = get_ema_multi_avg_fn(1.0 - average)  # type: ignore[no-untyped-call]
+        mean = get_ema_multi_avg_fn(1.0 - ema_rate)  # type: ignore[no-untyped-call]
         self._mean = AveragedModel(nn.ModuleList(layers), multi_avg_fn=mean)
         model.set_logger(Logger(folder=None, output_formats=[]))
 

@@ -54,9 +54,9 @@ class Settings:
     """Discount for an interval."""
     gae_lambda: float = 0.95
     """Decay of the generalised advantage estimate."""
-    critic_first: int = 0
+    critic_warmup: int = 0
     """Decisions at the beginning from which only the critic learns: of use after --init."""
-    average: float = 1.0
+    ema_rate: float = 1.0
     """Share of the actor's newest weights, after each update, in the running mean that is validated and
     kept; 1: the newest weights alone."""
 
@@ -65,13 +65,13 @@ class Settings:
         check_hidden(self.hidden)
         check_hidden(self.critic_hidden)
         check_positive(self, "timesteps", "num_envs", "n_steps", "batch_size", "n_epochs")
-        check_positive(self, "learning_rate", "clip_range", "average")
-        check_share(self, "gae_lambda", "gamma", "average")
+        check_positive(self, "learning_rate", "clip_range", "ema_rate")
+        check_share(self, "gae_lambda", "gamma", "ema_rate")
         check_at_most(self, 65_536, "num_envs", "n_steps")
         if not 0.0 <= self.entropy < math.inf:
             raise InvalidInputError("entropy", self.entropy, "zero or a positive number")
-        if self.critic_first < 0:
-            raise InvalidInputError("critic_first", self.critic_first, "zero or a positive number")
+        if self.critic_warmup < 0:
+            raise InvalidInputError("critic_warmup", self.critic_warmup, "zero or a positive number")
         if self.num_envs * self.n_steps < 2:
             expected = "2 or more together with --num-envs: advantages are normalised"
             raise InvalidInputError("n_steps", self.n_steps, expected)
@@ -114,8 +114,8 @@ class PPOLearner(Learner):
         )
         policy = model.policy
         actor = linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])
-        super().__init__(model, actor, settings.timesteps, settings.learning_rate, settings.average)
-        self._actor, self._critic_first = actor, settings.critic_first
+        super().__init__(model, actor, settings.timesteps, settings.learning_rate, settings.ema_rate)
+        self._actor, self._critic_warmup = actor, settings.critic_warmup
         self._reward = env.envs.core.options.weights
         self._critic = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
 
@@ -144,6 +144,6 @@ class PPOLearner(Learner):
         model = self.model
         assert model.env is not None
         for layer in self._actor:
-            layer.requires_grad_(model.num_timesteps >= self._critic_first)
+            layer.requires_grad_(model.num_timesteps >= self._critic_warmup)
         model.collect_rollouts(model.env, callback, model.rollout_buffer, model.n_steps)
         model.train()

@@ -197,7 +197,7 @@ def test_initialise__sharpens_what_ppo_begins_with(env: _Checked, learner: ppo.A
 
 @pytest.mark.parametrize("share", [1.0, 0.25])
 def test_average__is_the_running_mean_of_the_actors_weights(env: _Checked, share: float) -> None:
-    settings = dataclasses.replace(PPO_SETTINGS, average=share)
+    settings = dataclasses.replace(PPO_SETTINGS, ema_rate=share)
     learner = ppo.build(settings, env, seed=1, device="cpu")
     _, callback = learner._setup_learn(1000)
     layer = learner.policy.action_net

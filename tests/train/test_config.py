@@ -121,7 +121,7 @@ UNUSABLE = [
         "hidden: [8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8]",
     ),
     *("num_envs: 1000000000", "entropy: -1", "n_steps: 1\nnum_envs: 1", "clip_range: -1"),
-    *("critic_first: -5", "timesteps: 0", "gamma: 1.5"),
+    *("critic_warmup: -5", "timesteps: 0", "gamma: 1.5"),
 ]
 
 

@@ -31,7 +31,7 @@ from train.__main__ import main
 
 SMALL = {
     "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64 "
-    "--average 0.3",
+    "--ema-rate 0.3",
     "dqn": "--timesteps 3072 --segment 1024 --num-envs 16 --learning-starts 300 --batch-size 32 "
     "--buffer-size 1600 --target-update 512 --gradient-steps 2",
 }
@@ -113,7 +113,7 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
     )
     given, out = tmp_path / "given.safetensors", tmp_path / "run"
     write_model(given, Model("policy", SnakeParams(), network))
-    words = arguments("ppo", out, f"--init {given} --critic-first 100000")
+    words = arguments("ppo", out, f"--init {given} --critic-warmup 100000")
     assert main(words) == 0
     assert same(read_model(out / "last.safetensors").network, network)
 
@@ -266,7 +266,7 @@ def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
         write_model(tmp_path / f"student-s{seed}.safetensors", given[seed])
         write_model(tmp_path / f"value-s{seed}.safetensors", model_of(seed, kind="value"))
     init, critic = (tmp_path / f"{name}-s{{seed}}.safetensors" for name in ("student", "value"))
-    frozen = f"--seeds 2 --workers 1 --timesteps 1024 --critic-first 4096 --init {init} --hidden 12"
+    frozen = f"--seeds 2 --workers 1 --timesteps 1024 --critic-warmup 4096 --init {init} --hidden 12"
     assert main(arguments("ppo", out, f"{frozen} --init-critic {critic} --critic-hidden 12")) == 0
     for seed in (3, 4):
         made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
