@@ -29,7 +29,7 @@ INTEROP ?= sb3-contrib torchrl tianshou rllib
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test browser test-interop check policies bench clean docs lock
+.PHONY: help setup demo test browser test-interop check policies results bench clean docs lock
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -83,6 +83,9 @@ policies: .venv/.dev ## train every shipped policy from random weights, into sna
 			--out build/policies/$$robot || exit; \
 	done
 	@for robot in $(ROBOTS); do $(RUN) -m train export build/policies/$$robot --overwrite || exit; done
+
+results: .venv/.dev ## write docs/results.md from docs/data; MEASURE=1 evaluates first (half an hour)
+	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run)
 
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m benchmarks.kernel

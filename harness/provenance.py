@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _words: list[str] = []
+_FLAGS = ("--resume", "--overwrite")
 
 
 def begin(program: str, words: Sequence[str]) -> None:
@@ -21,9 +22,10 @@ def begin(program: str, words: Sequence[str]) -> None:
 
 
 def command() -> str:
-    """The recorded command line, without the folder of its results."""
+    """The recorded command line, without the folder of its results and what was there before."""
     program, *words = _words or [""]
-    return f"{program} {shlex.join(words_without(words, '--out'))}"
+    kept = [word for word in words_without(words, "--out") if word not in _FLAGS]
+    return f"{program} {shlex.join(kept)}"
 
 
 def words_without(words: Sequence[str], *options: str) -> list[str]:

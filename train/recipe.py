@@ -68,7 +68,6 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.robot.params()
     options.engine.check()
-    options.ground.check()
     if not 1 <= options.tasks <= 2000:
         raise InvalidInputError("tasks", options.tasks, "1 to 2000")
     given = _recipe(options.budget)
@@ -81,6 +80,10 @@ def train(options: Options, console: Console) -> Path:
         "params": dataclasses.asdict(params),
     }
     name = f"recipe-{Path(options.budget).stem}"
+    out = options.run.folder(f"{name}-{options.robot.name}")
+    stages = {stage: _job(stage, given[stage], options, out) for stage in given}
+    for job in stages.values():
+        check(job.options)  # all of them, before there is work to lose
     with RunFolder(options.run, name, options.robot, asked, LAYOUT) as folder:
         rows = folder.rows("step")
         models = folder.path / "models"
@@ -101,7 +104,7 @@ def train(options: Options, console: Console) -> Path:
                 slip = options.ground.slip
                 ship(folder.path, params, made, options.tasks, slip, options.engine)
             else:
-                jobs = [_job(stage, given[stage], options, folder.path) for stage in level]
+                jobs = [stages[stage] for stage in level]
                 if len(jobs) > 1:
                     side_by_side(jobs, options.engine, console)
                 else:
@@ -114,6 +117,19 @@ def train(options: Options, console: Console) -> Path:
         console.print(comparison(models))
         console.print(f"models: {models}", soft_wrap=True)
         return models
+
+
+def check(options: Any) -> None:
+    """Raises SnakeEnvError where a value among some options can't be used, or in a group of them.
+
+    The engine is left out: whether a cluster can be reached is found out once.
+    """
+    if hasattr(options, "check"):
+        options.check()
+    for each in dataclasses.fields(options):
+        value = getattr(options, each.name)
+        if dataclasses.is_dataclass(value) and not isinstance(value, Engine):
+            check(value)
 
 
 def _recipe(budget: str) -> dict[str, dict[str, Any]]:

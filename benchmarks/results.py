@@ -1,0 +1,185 @@
+"""The results of the documentation: ``python -m benchmarks.results [--run]``, or ``make results``.
+
+``--run`` evaluates and measures, and keeps the figures in ``docs/data``; without it the page
+``docs/results.md`` is written from the figures that are there.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from benchmarks.operations import processor
+from harness.command import exit_code
+from harness.files import read_json, write_atomically
+from harness.options import parse
+from harness.provenance import revision
+from snake_env.envs.slip import NO_SLIP, Slip
+from snake_env.kernel.compiler import vector_bits
+from snake_env.modes import mode_table
+from snake_env.params import SnakeParams
+from snake_env.policies.value import shipped
+from snake_env.sim.simulation import predict
+from snake_env.sim.tasks import load_tasks
+
+ROOT = Path(__file__).parent.parent
+DATA = ROOT / "docs" / "data"
+PAGE, TEMPLATE = ROOT / "docs" / "results.md", "results.md.jinja"
+LEARNED = ("value", "ppo", "dqn", "imitate+critic", "ppo+critic", "dqn+critic")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Policies on a suite of tasks."""
+
+    preset: str
+    tasks: str
+    more: tuple[str, ...] = ()
+    slip: Slip = NO_SLIP
+
+
+EVALUATIONS = {
+    "experiment": Evaluation("paper", "paper-500", ("analytic-14", "lookahead:width=4", "skid")),
+    "paper": Evaluation("paper", "test-10k"),
+    "narrow": Evaluation("narrow", "test-2k", ("lookahead:width=4",)),
+    "six": Evaluation("six", "test-2k", ("lookahead:width=4",)),
+    "ten": Evaluation("ten", "test-2k"),
+    "hardware": Evaluation("hardware", "test-2k", slip=(0.001, 0.005)),
+}
+"""By the name of the file in ``docs/data``."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Write docs/results.md from the figures in docs/data, or find these first."""
+
+    run: bool = False
+    """Evaluate the shipped policies and measure the speeds: about half an hour on two cores."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Runs what is asked for, and writes the page; the exit code."""
+    options = parse(Options, "python -m benchmarks.results", args)
+    if options.run:
+        for name, evaluation in EVALUATIONS.items():
+            write_atomically(DATA / f"{name}.json", _text(evaluated(name, evaluation)))
+        write_atomically(DATA / "speed.json", _text(speeds()))
+    write_atomically(PAGE, page())
+    print(PAGE.relative_to(ROOT))
+    return 0
+
+
+def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
+    """What ``summary.json`` says of an evaluation, without what no table shows.
+
+    Of the learned policies those are evaluated that ship for the robot. An evaluation that was
+    interrupted continues.
+    """
+    params = SnakeParams.preset(evaluation.preset)
+    ships = [
+        policy
+        for policy in LEARNED
+        if any(not params.differences(m.params) for m in shipped(policy.partition("+")[0]))
+    ]
+    out = ROOT / "build" / "results" / name
+    words = ["analytic", *ships, *evaluation.more, "--tasks", evaluation.tasks]
+    words += ["--preset", evaluation.preset, "--no-pictures", "--resume", "--out", str(out)]
+    if any(evaluation.slip):
+        words += ["--slip", *map(str, evaluation.slip)]
+    subprocess.run([sys.executable, "-m", "evaluate", *words], cwd=ROOT, check=True)
+    summary = read_json(out / "summary.json")
+    kept = ("policies", "comparisons", "tasks", "preset", "slip", "command", "git", "versions")
+    return {"processor": processor(), **{key: summary[key] for key in kept}}
+
+
+def speeds() -> dict[str, Any]:
+    """Durations of the kernel's work and of the vector env's, medians, and the machine."""
+    params = SnakeParams()
+    state = load_tasks("sim-1", params).initial(0, params)
+    modes = mode_table(params.n_joints).valid(1)
+    found: dict[str, Any] = {"processor": processor(), "bits": vector_bits(), "git": revision()}
+    for count in (1, 8, 99):
+        found[f"predict_{count}_us"] = _median_us(functools.partial(predict, state, modes[:count], params))
+    envs = gymnasium.make_vec("snake_env:SnakeModeSelection-v0", num_envs=512)
+    _, info = envs.reset(seed=0)
+    rng, times = np.random.default_rng(0), []
+    for _ in range(60):
+        actions = np.where(info["action_mask"], rng.random(info["action_mask"].shape), -1.0)
+        began = time.perf_counter()
+        *_, info = envs.step(actions.argmax(axis=1))
+        times.append(time.perf_counter() - began)
+    found["vector_steps_per_s"] = 512 / statistics.median(times)
+    return found
+
+
+def _median_us(work: Callable[[], object], repeats: int = 200) -> float:
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return 1e6 * statistics.median(times)
+
+
+def page() -> str:
+    """``docs/results.md`` from the figures in ``docs/data``."""
+    environment = Environment(
+        loader=FileSystemLoader(ROOT / "docs"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"interval": _interval, "num": _number, "estimate": _estimate}
+    robots = {name: _data(name) for name in EVALUATIONS if name != "experiment"}
+    return environment.get_template(TEMPLATE).render(
+        experiment=_data("experiment"),
+        robots={name: data for name, data in robots.items() if data},
+        speed=_data("speed"),
+        against=_against,
+    )
+
+
+def _data(name: str) -> Any:
+    file = DATA / f"{name}.json"
+    return read_json(file) if file.exists() else None
+
+
+def _against(data: dict[str, Any], policy: str) -> dict[str, Any] | None:
+    """A policy's comparison with (21)."""
+    return next((entry for entry in data["comparisons"] if entry["policy"] == policy), None)
+
+
+def _text(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=1) + "\n"
+
+
+def _interval(bounds: list[float]) -> str:
+    return f"{100 * bounds[0]:.1f}-{100 * bounds[1]:.1f}"
+
+
+def _number(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{value:,.{digits}f}"
+
+
+def _estimate(estimate: dict[str, float] | None, digits: int = 3) -> str:
+    if estimate is None:
+        return "-"
+    mean, low, high = (f"{estimate[key]:.{digits}f}" for key in ("mean", "low", "high"))
+    return f"{mean} ({low}-{high})"
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main))
