@@ -71,7 +71,9 @@ class Settings:
         if not 0.0 <= self.entropy < math.inf:
             raise InvalidInputError("entropy", self.entropy, "zero or a positive number")
         if self.critic_warmup < 0:
-            raise InvalidInputError("critic_warmup", self.critic_warmup, "zero or a positive number")
+            raise InvalidInputError(
+                "critic_warmup", self.critic_warmup, "zero or a positive number"
+            )
         if self.num_envs * self.n_steps < 2:
             expected = "2 or more together with --num-envs: advantages are normalised"
             raise InvalidInputError("n_steps", self.n_steps, expected)
@@ -114,7 +116,9 @@ class PPOLearner(Learner):
         )
         policy = model.policy
         actor = linear_layers([*policy.mlp_extractor.policy_net, policy.action_net])
-        super().__init__(model, actor, settings.timesteps, settings.learning_rate, settings.ema_rate)
+        super().__init__(
+            model, actor, settings.timesteps, settings.learning_rate, settings.ema_rate
+        )
         self._actor, self._critic_warmup = actor, settings.critic_warmup
         self._reward = env.envs.core.options.weights
         self._critic = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])

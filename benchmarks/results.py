@@ -111,7 +111,9 @@ def speeds() -> dict[str, Any]:
     modes = mode_table(params.n_joints).valid(1)
     found: dict[str, Any] = {"processor": processor(), "bits": vector_bits(), "git": revision()}
     for count in (1, 8, 99):
-        found[f"predict_{count}_us"] = _median_us(functools.partial(predict, state, modes[:count], params))
+        found[f"predict_{count}_us"] = _median_us(
+            functools.partial(predict, state, modes[:count], params)
+        )
     envs = gymnasium.make_vec("snake_env:SnakeModeSelection-v0", num_envs=512)
     _, info = envs.reset(seed=0)
     rng, times = np.random.default_rng(0), []

@@ -13,10 +13,10 @@ from evaluate.deadline import check_limit
 from evaluate.outside import is_outside
 from evaluate.table import Format
 from harness.engine import Engine
-from harness.options import Assignments, parse_overrides
+from harness.options import Assignments
 from snake_env.envs.slip import NO_SLIP, check_slip
 from snake_env.errors import InvalidInputError, escaped
-from snake_env.params import SnakeParams
+from snake_env.params import SnakeParams, parse_overrides
 
 Factories = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="MODULE:FACTORY")]
@@ -45,7 +45,7 @@ class Options:
     """paper-500, validation-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and
     target of shape (N, n)."""
     preset: str = "paper"
-    """Constants of the robot: paper, hardware or narrow."""
+    """Constants of the robot: paper, hardware, narrow, six or ten."""
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

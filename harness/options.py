@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
-import json
 import re
-from collections.abc import Iterable, Sequence
-from typing import Annotated, Any, TypeVar
+from collections.abc import Sequence
+from typing import Annotated, TypeVar
 
 import tyro
 
-from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.errors import SnakeEnvError
 
 Assignments = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]
@@ -65,23 +64,3 @@ def parse(
 
 class OptionError(SnakeEnvError):
     """An option that does not exist, or whose value has the wrong type."""
-
-
-def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
-    """Constants from ``NAME=VALUE`` texts.
-
-    Raises:
-        InvalidInputError: A text has another form.
-    """
-    pairs = {}
-    for assignment in assignments:
-        name, equals, text = assignment.partition("=")
-        try:
-            pairs[name] = json.loads(text.lower())
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise InvalidInputError(
-                "set", assignment, "NAME=VALUE; a value is a number, a [list], true or false"
-            )
-    return pairs

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from harness.files import file_name
-from harness.options import Assignments, parse_overrides
-from snake_env.params import SnakeParams
+from harness.options import Assignments
+from snake_env.params import SnakeParams, parse_overrides
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Robot:
     """The robot's constants."""
 
     preset: str = "paper"
-    """Constants of the robot: paper, hardware or narrow."""
+    """Constants of the robot: paper, hardware, narrow, six or ten."""
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
     transfer: bool = False

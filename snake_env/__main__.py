@@ -22,7 +22,7 @@ from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.kernel.compiler import cache_folder
 from snake_env.modes import ModeTable, mode_table
-from snake_env.params import PRESETS, SnakeParams
+from snake_env.params import PRESETS, SnakeParams, parse_overrides
 from snake_env.policies.registry import POLICIES, load_policy
 from snake_env.rendering.painter import Painter, save_gif
 from snake_env.rendering.scenes import Scene, motion_scenes, still_scene
@@ -79,7 +79,10 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="test this installation in a few seconds")
     check.set_defaults(command=_check)
     gif = commands.add_parser("gif", help="play a task with a policy and write an animated GIF")
-    gif.add_argument("--policy", default="analytic", help="any of: " + ", ".join(POLICIES))
+    names = ", ".join(POLICIES)
+    gif.add_argument(
+        "--policy", default="analytic", help=f"{names}, or a model file; +shield, +critic"
+    )
     gif.add_argument("--out", type=Path, default=Path("snake.gif"), help="file (snake.gif)")
     gif.set_defaults(command=_gif)
     play = commands.add_parser("play", help="choose the modes yourself")
@@ -89,11 +92,14 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--tasks", default="sim-1", help="suite or .npz file (sim-1)")
         command.add_argument("--task", type=int, default=0, help="row of the suite (0)")
         command.add_argument("--preset", default="paper", help="any of: " + ", ".join(PRESETS))
+        command.add_argument(
+            "--set", action="append", default=[], metavar="NAME=VALUE", help="another constant"
+        )
     return parser
 
 
 def _begin(options: argparse.Namespace) -> tuple[SnakeState, SnakeParams]:
-    params = SnakeParams.preset(options.preset)
+    params = SnakeParams.preset(options.preset, **parse_overrides(options.set))
     suite = load_tasks(options.tasks, params)
     if not 0 <= options.task < len(suite):
         raise InvalidInputError("task", options.task, f"a row from 0 to {len(suite) - 1}")
@@ -166,7 +172,9 @@ def _gif(options: argparse.Namespace) -> int:
 
 def _play(options: argparse.Namespace) -> int:
     state, params = _begin(options)
-    env = SnakeModeSelectionEnv(options.preset, render_mode="human" if options.window else None)
+    render_mode = "human" if options.window else None
+    changes = parse_overrides(options.set)
+    env = SnakeModeSelectionEnv(options.preset, render_mode=render_mode, **changes)
     env.reset(options={"phi0": state.phi, "target": state.target})
     optimizer = AnalyticOptimizer(params)
     print(_HELP)

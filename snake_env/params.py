@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -175,3 +176,25 @@ def _checked_type(name: str, value: Any, default: Any) -> Any:
 
 def _is_usable(number: float | None) -> bool:
     return number is not None and abs(number) <= LARGEST
+
+
+def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
+    """Constants from ``NAME=VALUE`` texts, as in ``a_c=67``, ``gains=1,1,0.5,1.5``.
+
+    Raises:
+        InvalidInputError: A text has another form.
+    """
+    pairs = {}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        listed = f"[{text}]" if "," in text and "[" not in text else text
+        try:
+            pairs[name] = json.loads(listed.lower())
+        except ValueError:
+            equals = ""
+        if not equals:
+            expected = (
+                "NAME=VALUE; a value is a number, numbers with commas between them, true or false"
+            )
+            raise InvalidInputError("set", assignment, expected)
+    return pairs

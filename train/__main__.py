@@ -15,16 +15,24 @@ from snake_env.errors import UnknownNameError
 from train.config import parse_with_file
 from train.run import Run
 
-COMMANDS = {
-    "value": "the cost-to-go network that guides the planner",
-    "imitate": "a policy network, from a teacher's costs of every mode",
-    "ppo": "a policy by proximal policy optimisation",
-    "dqn": "action values by deep Q-learning",
-    "harvest": "tasks that a policy loses to wrong choices, to learn from",
-    "recipe": "all of these in a row, from random weights",
-    "export": "ship the best model of a run with the package",
+GROUPS = {
+    "everything for a robot": {
+        "recipe": "all stages below in a row, from random weights: begin here",
+    },
+    "agents": {
+        "ppo": "a policy by proximal policy optimisation, from scratch or from a student",
+        "dqn": "action values by deep Q-learning, from scratch or from a student",
+        "imitate": "a student, from what a value network says about every mode",
+    },
+    "tools": {
+        "value": "value networks: the teacher of students, the critic, the planner's guide",
+        "harvest": "tasks that a policy loses to its own choices, to learn from",
+        "export": "put the models of a recipe or a run into the package",
+    },
 }
-"""What can be trained or made; each is a module of this package with ``Options`` and ``train``."""
+"""What can be trained or made, by what it is for."""
+COMMANDS = {name: what for group in GROUPS.values() for name, what in group.items()}
+"""Each is a module of this package with ``Options`` and ``train``."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -61,10 +69,10 @@ def _command(words: list[str]) -> int:
 
 
 def _help() -> str:
-    lines = [f"  {name:10} {what}" for name, what in COMMANDS.items()]
-    return "\n".join(
-        ["usage: python -m train COMMAND [options]", "", *lines, "", "COMMAND --help tells more."]
-    )
+    lines = ["usage: python -m train COMMAND [options]"]
+    for title, group in GROUPS.items():
+        lines += ["", f"{title}:", *(f"  {name:8} {what}" for name, what in group.items())]
+    return "\n".join([*lines, "", "python -m train COMMAND --help lists a command's options."])
 
 
 if __name__ == "__main__":

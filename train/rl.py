@@ -22,13 +22,14 @@ from agents.checks import check_device, check_positive
 from agents.dqn import DQNLearner
 from agents.learner import Learner, segment_seed
 from agents.ppo import PPOLearner
-from harness.options import Assignments, parse_overrides
+from harness.options import Assignments
 from harness.progress import progress
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.networks.model_file import Model, read_network, write_model
+from snake_env.params import parse_overrides
 from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
