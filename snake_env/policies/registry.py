@@ -181,7 +181,7 @@ def load_policy(
     elif base.endswith(".zip"):
         expected = (
             "a model file (.safetensors). A model of Stable-Baselines3 needs an adapter, "
-            "as in examples/sb3_model.py: --policy examples.sb3_model:policy"
+            "as in examples/sb3_model.py: --policy examples.sb3_model:SavedModel"
         )
         raise InvalidInputError("policy", base, expected)
     else:
