@@ -28,6 +28,7 @@ from harness.folder import held
 from snake_env.envs.slip import check_slip
 from snake_env.errors import InvalidInputError, SnakeEnvError, as_finite
 from snake_env.params import SnakeParams
+from snake_env.sim.tasks import load_tasks
 
 _PACKED_AT_ONCE = 1000  # rows
 
@@ -43,7 +44,7 @@ class CompareOptions:
     ]
     """Result folders of python -m evaluate."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for the summary.json and episodes.csv of all policies together."""
+    """Folder for the report.html, summary.json and episodes.csv of all policies together."""
     overwrite: bool = False
     """Replace the results in --out."""
 
@@ -86,11 +87,28 @@ def compare_folders(options: CompareOptions, console: Console) -> int:
     if options.out is not None:
         with held(options.out, LAYOUT, overwrite=options.overwrite):
             write_results(options.out, rows, summary)
+            page = _report(options.out, rows, summary, params)
     print_results(console, summary)
     if options.out is not None:
+        console.print(page, soft_wrap=True)
         console.print(f"results: {options.out}/", soft_wrap=True)
     print_comparisons(console, summary)
     return 0
+
+
+def _report(
+    out: Path, rows: Mapping[str, Sequence[Row]], summary: Mapping[str, Any], params: SnakeParams
+) -> str:
+    """Writes the page, where the tasks are at hand; says where it is, or why there is none."""
+    from evaluate.report import write_report  # takes a while to import
+
+    try:
+        suite = load_tasks(summary["tasks"]["name"], params)
+    except SnakeEnvError as error:
+        return f"no report: the tasks are not there ({error})"
+    if suite.sha256 != summary["tasks"]["hash"]:
+        return f"no report: the tasks in {suite.name} have changed"
+    return f"report: {write_report(out, tuple(rows), rows, summary, params, suite, None)}"
 
 
 def _names(summaries: Mapping[Path, Any]) -> dict[Path, dict[str, str]]:
