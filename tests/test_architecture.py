@@ -107,7 +107,7 @@ def test_package__has_few_rooms_and_short_files() -> None:
 def test_tests__have_the_same_rooms_and_import_no_other_test() -> None:
     names = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
-    assert names - {"__pycache__"} == rooms | {"support", *CHECKOUT}
+    assert names - {"__pycache__"} == rooms | {"support", "docs", *CHECKOUT}
     for path in (ROOT / "tests").rglob("test_*.py"):
         assert not {name for name in _imports(path) if ".test_" in name or ".conftest" in name}
 

@@ -133,7 +133,9 @@ def test_results__say_what_the_summary_says(page: str) -> None:
     (skidding,) = outline.rows("skid")
     assert skidding[1] == "6/6"
     assert skidding[8] == "\u2013"  # its times compare with nobody's
-    assert float(skidding[11]) > 0.1  # it drags the head along
+    assert float(skidding[12]) > 100.0  # [mm]: it drags the head along
+    errors = [float(row[11]) for row in (analytic, skidding)]
+    assert 0.0 == errors[1] < errors[0] < 0.05
 
 
 def test_failures__are_counted_by_cause_and_phase(page: str) -> None:
@@ -154,23 +156,26 @@ def test_sentences__of_the_comparisons_are_the_headlines() -> None:
     comparison = {
         "reference": "analytic",
         "policy": "random",
-        "sentence": "random is < analytic.",
+        "sentence": "random is < analytic",
         "only_policy": 0,
         "only_reference": 4,
         "mcnemar_p_holm": 0.125,
         "common": 2,
         "time_ratio": {"mean": 2.5, "low": 2.0, "high": 3.0},
         "wilcoxon_p_holm": 0.0001,
+        "time_difference_s": {"mean": 60.0, "low": 40.0, "high": 80.0},
         "restricted_time_difference_s": {"mean": 200.0, "low": -1.0, "high": 260.0},
     }
-    seeds = {"x-s*": {"sentence": "Seeds differ & vary."}}
+    seeds = {"x-s*": {"sentence": "Seeds differ & vary"}}
     outline = Outline(page_of(rows, comparisons=[comparison], seeds=seeds))
-    assert "random is < analytic." in outline.text
+    assert outline.text.count("random is < analytic") == 2  # the headline, and among all
+    assert "analytic, with 0 roll-outs per decision against " in outline.text
     assert "Seeds differ & vary." in outline.text
     result, pair = outline.rows("random")[:2]
     assert result[8] == "2.500"
     assert pair[1:4] == ["0", "4", "0.125"]
-    assert pair[4:8] == ["2", "2.500 (2.000 to 3.000)", "\u2013", "<\u2009.001"]
+    assert pair[4:7] == ["2", "2.500 (2.000 to 3.000)", "60.0 (40.0 to 80.0)"]
+    assert pair[7] == "<\u2009.001"
     assert pair[8:] == ["200.0 (\u22121.0 to 260.0)", "\u2013"]
     alone = Outline(page_of(rows, comparisons=[{**comparison, "time_ratio": None}]))
     assert alone.rows("random")[0][8] == "\u2013"
@@ -422,13 +427,13 @@ def test_profile__rises_to_the_share_of_solved_tasks() -> None:
 
 
 def _entry(
-    style: int, solved: int, ratio: dict[str, float] | None, p50: float = 1e3
+    style: int, solved: int, ratio: dict[str, float] | None, p95: float = 2e3
 ) -> charts.Entry:
     figures = {
         "success_rate": solved / 100,
         "wilson95": wilson95(solved, 100),
         "rollouts_per_decision": 10.0 * style,
-        "decision_latency_us": {"p50": p50, "p95": 2 * p50},
+        "decision_latency_us": {"p50": 0.5 * p95, "p95": p95},
     }
     return charts.Entry(f"policy {style}", style, figures, ratio)
 
@@ -459,7 +464,7 @@ def test_charts__of_poor_policies_leave_none_out() -> None:
 
 
 def test_latencies__are_in_milliseconds_beside_the_papers() -> None:
-    entries = [_entry(0, 99, None, p50=1e3), _entry(1, 99, None, p50=150e3)]
+    entries = [_entry(0, 99, None, p95=1e3), _entry(1, 99, None, p95=150e3)]
     chart = charts.latency_chart(entries, paper=True)
     assert "paper 0.15 s" in chart
     (limit,) = re.findall(r'<line x1="([\d.]+)" x2="\1" y1="28" y2="210" class="limit"', chart)

@@ -30,6 +30,7 @@ def summary_of(
         },
         "tasks": {"name": "random:6:3", "n": len(next(iter(rows.values())))},
         "preset": "paper",
+        "slip": [0.0, 0.0],
         "params": params.__dict__,
         "command": "python -m evaluate <here> & there",
         "versions": {"snake-mode-env": "0.1.0", "python": "3.11"},
