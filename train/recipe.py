@@ -38,6 +38,8 @@ STAGES = {
 """The stages and what they make."""
 ORDER = (("value",), ("critic",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
+EXPECTED = "expected"
+"""A text in a recipe that says how long it takes and what comes of it."""
 LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "*.csv", "*.log", *STAGES))
 """What the folder of a recipe holds: a folder for each stage."""
 
@@ -70,7 +72,7 @@ def train(options: Options, console: Console) -> Path:
     options.engine.check()
     if not 1 <= options.tasks <= 2000:
         raise InvalidInputError("tasks", options.tasks, "1 to 2000")
-    given = _recipe(options.budget)
+    given, expected = _recipe(options.budget)
     asked = {
         "budget": options.budget,
         "stages": given,
@@ -85,6 +87,8 @@ def train(options: Options, console: Console) -> Path:
     for job in stages.values():
         check(job.options)  # all of them, before there is work to lose
     with RunFolder(options.run, name, options.robot, asked, LAYOUT) as folder:
+        if expected:
+            console.print(expected, soft_wrap=True)
         rows = folder.rows("step")
         models = folder.path / "models"
         for step, level in enumerate(ORDER, 1):
@@ -132,8 +136,8 @@ def check(options: Any) -> None:
             check(value)
 
 
-def _recipe(budget: str) -> dict[str, dict[str, Any]]:
-    """The options of each stage.
+def _recipe(budget: str) -> tuple[dict[str, dict[str, Any]], str]:
+    """The options of each stage, and what the file says one may expect.
 
     Raises:
         SnakeEnvError: There is no such file, or a stage is missing or unknown.
@@ -142,6 +146,9 @@ def _recipe(budget: str) -> dict[str, dict[str, Any]]:
     if budget not in known and not budget.endswith((".yaml", ".yml")):
         raise UnknownNameError("budget", budget, [*known, "FILE.yaml"])
     given = read_yaml(RECIPES / f"{budget}.yaml" if budget in known else Path(budget))
+    expected = given.pop(EXPECTED, "")
+    if not isinstance(expected, str):
+        raise InvalidInputError(EXPECTED, expected, "a text")
     stages = [stage for stage in STAGES if stage != "models"]
     for name in given:
         if name not in stages:
@@ -149,7 +156,7 @@ def _recipe(budget: str) -> dict[str, dict[str, Any]]:
     for stage in stages:
         if not isinstance(given.setdefault(stage, {}), dict):
             raise InvalidInputError(stage, given[stage], "a mapping of options to values")
-    return given
+    return given, expected
 
 
 def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -> Job:
