@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _words: list[str] = []
-_FLAGS = ("--resume", "--overwrite")
+_FLAGS, _VALUED = ("--resume", "--overwrite"), ("--out", "--workers", "--engine", "--address")
 
 
 def begin(program: str, words: Sequence[str]) -> None:
@@ -22,9 +22,12 @@ def begin(program: str, words: Sequence[str]) -> None:
 
 
 def command() -> str:
-    """The recorded command line, without the folder of its results and what was there before."""
+    """The recorded command line, without what has no influence on results.
+
+    That is where they go, what was there before, and who does the work.
+    """
     program, *words = _words or [""]
-    kept = [word for word in words_without(words, "--out") if word not in _FLAGS]
+    kept = [word for word in words_without(words, *_VALUED) if word not in _FLAGS]
     return f"{program} {shlex.join(kept)}"
 
 

@@ -18,7 +18,7 @@ from harness.files import write_atomically
 from harness.folder import writable_folder
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
-from train.models import SOURCES
+from train.models import SOURCES, TABLE
 from train.records import read_about
 from train.validation import SUITE
 
@@ -116,6 +116,9 @@ def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
     if models.is_dir():
         if options.name is not None:
             raise InvalidInputError("name", options.name, "none: a recipe has models of five names")
+        if not (models / TABLE).is_file():
+            expected = "a finished recipe: --resume continues it"
+            raise InvalidInputError("run", str(options.run), expected)
         return {f"{name}{suffix}": models / f"{name}.safetensors" for name in SOURCES}
     file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
     if file is None:
@@ -123,7 +126,7 @@ def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
             "a finished run: train writes best.safetensors at every validation that is better"
         )
         raise InvalidInputError("run", str(options.run), expected)
-    return {options.name or f"{about['algorithm']}{suffix}": file}
+    return {f"{about['algorithm']}{suffix}" if options.name is None else options.name: file}
 
 
 def _card(name: str, model: Model, about: dict[str, Any]) -> str:
@@ -150,7 +153,8 @@ def _beginning(made: Mapping[str, Any]) -> str:
     """What a run began with, or a recipe's stages."""
     if "stages" in made:
         return f"random weights, by the stages {', '.join(made['stages'])}"
-    return made["config"].get("init") or "random weights"
+    begun = made["config"].get("init")
+    return f"the model with SHA-256 {begun[:16]}..." if begun else "random weights"
 
 
 def _validation(made: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
-from train.critic import read_critic
+from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, quality
@@ -86,8 +86,7 @@ def train(options: Options, console: Console) -> Path:
         The best model's file.
     """
     params, transfer = options.check(), options.robot.transfer
-    value = read_critic(options.run.own(options.value), params, transfer=transfer)
-    value.check(params, "value", transfer=transfer)
+    value = read_checked(options.run.own(options.value), params, "value", transfer=transfer)
     critic = value
     if options.critic is not None:
         critic = read_critic(options.run.own(options.critic), params, transfer=transfer)

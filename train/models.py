@@ -30,7 +30,8 @@ SOURCES = {
 }
 """The models of a recipe and the stages that made them. Of PPO and DQN the last ones count: they are
 means of many, and the tasks of a validation are too few to tell them apart."""
-_TABLE = "validation.json"
+TABLE = "validation.json"
+"""How good they are: the file that is written last."""
 _PART = 25  # tasks that a worker plays at a time
 
 
@@ -53,6 +54,7 @@ def ship(
         engine: What plays them.
     """
     models = recipe / "models"
+    (models / TABLE).unlink(missing_ok=True)
     names = []
     for name, source in SOURCES.items():
         model = read_model(recipe / source)
@@ -100,7 +102,7 @@ def ship(
             models / f"{name}.safetensors",
             Model(model.kind, params, model.network, noted, model.critic),
         )
-    write_atomically(models / _TABLE, json.dumps(table, indent=1) + "\n")
+    write_atomically(models / TABLE, json.dumps(table, indent=1) + "\n")
 
 
 def comparison(models: Path) -> Table:
@@ -108,7 +110,7 @@ def comparison(models: Path) -> Table:
     table = Table(box=None, title=f"on tasks of {SUITE}", title_justify="left")
     for column in ("policy", "success", "mean time [s]", "roll-outs per decision"):
         table.add_column(column, justify="left" if column == "policy" else "right")
-    for name, row in read_json(models / _TABLE).items():
+    for name, row in read_json(models / TABLE).items():
         share = f"{row['success']}/{row['n']} ({row['success'] / row['n']:.1%})"
         time_s = "-" if row["time_s"] is None else f"{row['time_s']:.1f}"
         table.add_row(name, share, time_s, f"{row['rollouts_per_decision'] or 0.0:.1f}")

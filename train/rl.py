@@ -28,13 +28,13 @@ from harness.provenance import command
 from harness.robot import Robot
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.networks.model_file import Model, read_network, write_model
+from snake_env.networks.model_file import Model, write_model
 from snake_env.params import parse_overrides
 from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
-from train.critic import read_critic
+from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, quality
@@ -117,18 +117,18 @@ def train(
         None if file is None else run.own(file) for file in (loop.init, init_critic, loop.critic)
     )
     accept = {"transfer": robot.transfer}
-    preferences = None if begin is None else read_network(begin, params, "policy", **accept)
-    value = None if begin_critic is None else read_network(begin_critic, params, "value", **accept)
+    student = None if begin is None else read_checked(begin, params, "policy", **accept)
+    value = None if begin_critic is None else read_checked(begin_critic, params, "value", **accept)
     ranker = None if critic is None else read_critic(critic, params, **accept)
     suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
     config = {
         **dataclasses.asdict(settings),
         **dataclasses.asdict(validation),
-        "init": None if begin is None else str(begin),
-        "init_critic": None if begin_critic is None else str(begin_critic),
-        "critic": None if ranker is None else ranker.sha256,
+        "init": student and student.sha256,
+        "init_critic": value and value.sha256,
+        "critic": ranker and ranker.sha256,
         "reward": weights,
-        "tasks": suite and [suite.name, len(suite), suite.sha256],
+        "tasks": suite and [len(suite), suite.sha256],
         "segment": loop.segment,
         "validate_every": loop.validate_every,
         "device": loop.device,
@@ -155,10 +155,10 @@ def train(
         if checkpoint.exists():
             segment = _restore(learner, settings, loop.segment, folder.digest, checkpoint)
         else:
-            if preferences is not None:
-                learner.begin(preferences)
+            if student is not None:
+                learner.begin(student.network)
             if value is not None and isinstance(learner, PPOLearner):
-                learner.begin_critic(value)
+                learner.begin_critic(value.network)
         before = learner.model.num_timesteps
         if before >= total:
             console.print("this run is finished")

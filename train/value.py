@@ -17,11 +17,12 @@ from harness.progress import progress
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
-from snake_env.networks.model_file import Kind, Model, read_model, read_network, write_model
+from snake_env.networks.model_file import Kind, Model, read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.warm_up import warm_up
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
+from train.given import read_checked
 from train.ground import Ground
 from train.run import Run, RunFolder
 
@@ -90,14 +91,12 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.check()
     init = None if options.init is None else options.run.own(options.init)
-    begun = (
-        None
-        if init is None
-        else read_network(init, params, "value", transfer=options.robot.transfer)
-    )
+    transfer = options.robot.transfer
+    given = None if init is None else read_checked(init, params, "value", transfer=transfer)
+    begun = None if given is None else given.network
     config = {
         **dataclasses.asdict(options.fit),
-        "init": None if init is None else str(init),
+        "init": given and given.sha256,
         **{
             key: getattr(options, key)
             for key in ("distil", "generations", "episodes", "trace_decay", "exact", "window")

@@ -165,17 +165,6 @@ def _tensors(network: Network) -> dict[str, Any]:
     return tensors
 
 
-def read_network(path: Path, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> Network:
-    """The network of a model that must be of this kind and for these constants.
-
-    Raises:
-        InvalidInputError: As :func:`read_model` and :meth:`Model.check`.
-    """
-    model = read_model(path)
-    model.check(params, kind, transfer=transfer)
-    return model.network
-
-
 def _split(data: bytes) -> tuple[bytes, bytes]:
     """Header and numbers of a safetensors file: the header's length is in the first eight bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
