@@ -10,12 +10,12 @@ import pytest
 
 from agents.imitate import Fit, fit, lessons
 from agents.labels import Decisions
-from agents.mlp import PREFERENCE
 from agents.teacher import judge
 from snake_env import SnakeParams, load_policy
-from snake_env.networks.model_file import read_model
+from snake_env.networks.model_file import PREFERENCE, Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.policies.value import PhaseValue, pretrained
 from snake_env.sim.observation import observe
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import StateBatch
@@ -33,7 +33,7 @@ SMALL = (
 def decisions() -> Decisions:
     suite = load_tasks("random:24:8", PARAMS)
     states = StateBatch.initial(suite.phi0, suite.target, PARAMS)
-    return judge(states, "lookahead", PARAMS)
+    return judge(states, PhaseValue(PARAMS), PARAMS)
 
 
 def test_lessons__are_costs_of_what_the_mask_allows(decisions: Decisions) -> None:
@@ -93,21 +93,53 @@ def log(run: Path) -> list[dict[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def value(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a value network that knows something."""
+    file = tmp_path_factory.mktemp("value") / "value.safetensors"
+    model = pretrained(PARAMS, "lookahead")
+    assert model is not None
+    write_model(file, Model("value", PARAMS, model.network))
+    return file
+
+
+@pytest.fixture(scope="module")
+def run(value: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("imitate") / "run"
-    assert main(["imitate", *SMALL.split(), "--out", str(out)]) == 0
+    assert main(["imitate", *SMALL.split(), "--value", str(value), "--out", str(out)]) == 0
     return out
 
 
 def test_imitate__beats_random_choices(run: Path) -> None:
     assert len(log(run)) == 2
     assert all(float(row["raw_rollouts"]) == 0.0 for row in log(run))
-    assert float(log(run)[-1]["shielded_success"]) > 0.34  # random ones that are stable: 34 %
+    assert float(log(run)[-1]["critic_success"]) > 0.8  # random ones that are stable: 34 %
     assert load_policy(run / "best.safetensors").rollouts == 0
+    critic, given = read_model(run / "best.safetensors").critic, pretrained(PARAMS, "lookahead")
+    assert critic is not None
+    assert given is not None
+    np.testing.assert_array_equal(critic.network.weights[0], given.network.weights[0])
+
+
+def test_value__is_needed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["imitate", "--out", str(tmp_path / "run")]) == 2
+    err = capfd.readouterr().err
+    assert "--value" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["value", "critic"])
+def test_value__of_another_kind_is_refused(
+    option: str, run: Path, value: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = {"value": value, "critic": value, option: run / "last.safetensors"}
+    words = [word for name, file in given.items() for word in (f"--{name}", str(file))]
+    assert main(["imitate", *words, "--out", str(tmp_path / "run")]) == 2
+    assert capfd.readouterr().err == "error: model.kind = 'policy': expected value\n"
+    assert not (tmp_path / "run").exists()
 
 
 def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Path, value: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import train.imitate
 
@@ -120,7 +152,7 @@ def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
         real(options, visits, number, *rest)
 
     out = tmp_path / "run"
-    words = ["imitate", *SMALL.split(), "--out", str(out)]
+    words = ["imitate", *SMALL.split(), "--value", str(value), "--out", str(out)]
     monkeypatch.setattr(train.imitate, "_play", dying)
     assert main(words) == 130
     assert len(log(out)) == 1
@@ -132,48 +164,17 @@ def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
         np.testing.assert_array_equal(a, b)
 
 
-def test_lessons__of_another_run_teach_without_playing(run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "values"
-    words = [*SMALL.split(), "--lessons", str(run), "--out", str(out)]
-    assert main(["imitate", *words, "--rounds", "0"]) == 0
-    (row,) = log(out)
-    assert float(row["shielded_success"]) > 0.34
-    assert not list(out.glob("lessons-*"))
-
-
-@pytest.mark.parametrize("damage", ["none", "other robots", "torn"])
-def test_lessons__that_are_no_use_are_refused(
-    damage: str, run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    given, words = tmp_path / "given", ["imitate", "--out", str(tmp_path / "run")]
-    given.mkdir()
-    if damage != "none":
-        content = (run / "lessons-0.npz").read_bytes()
-        (given / "lessons-0.npz").write_bytes(content[:5000] if damage == "torn" else content)
-    if damage == "other robots":
-        words += ["--set", "n_joints=6"]
-    assert main([*words, "--lessons", str(given)]) == 2
-    err = capfd.readouterr().err
-    assert err.startswith("error: lessons = '")  # a long path is shortened in its middle
-    assert ("lessons-0.npz': expected" if damage == "torn" else "given': expected") in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize("which", ["best", "last"])
-def test_export__writes_model_manifest_and_card(which: str, run: Path, tmp_path: Path) -> None:
-    more = ["--last"] if which == "last" else []
-    assert main(["export", str(run), *more, "--into", str(tmp_path)]) == 0
+def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> None:
+    assert main(["export", str(run), "--into", str(tmp_path)]) == 0
     model = read_model(tmp_path / "imitate.safetensors")
-    wanted = read_model(run / f"{which}.safetensors")
+    wanted = read_model(run / "best.safetensors")
     np.testing.assert_array_equal(model.network.weights[0], wanted.network.weights[0])
+    assert model.critic is not None
     card = (tmp_path / "imitate.md").read_text()
     assert "python -m train imitate --rounds 2" in card
     assert "| seed | 5 |" in card
     validation = wanted.made["validation"]
     assert f"raw {validation['raw_success']:.1%} in {validation['raw_time_s']:.1f} s" in card
-    if which == "last":
-        assert validation["round"] == 2
     assert str(tmp_path) not in json.dumps(
         dict(model.made)
     )  # the results' folder is nobody's business
@@ -183,11 +184,11 @@ def test_export__writes_model_manifest_and_card(which: str, run: Path, tmp_path:
 def test_export__refuses_what_is_no_finished_run(
     run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", str(tmp_path)]) == 2
+    assert main(["export", str(tmp_path), "--into", str(tmp_path)]) == 2
     assert "the folder of a run" in capfd.readouterr().err
     (tmp_path / "run.json").write_text((run / "run.json").read_text())
-    assert main(["export", str(tmp_path)]) == 2
-    assert "a run with a model" in capfd.readouterr().err
+    assert main(["export", str(tmp_path), "--into", str(tmp_path)]) == 2
+    assert "a finished run" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -205,7 +206,8 @@ def test_config__with_nonsense_is_refused(
 ) -> None:
     file = tmp_path / "my.yaml"
     file.write_text(content)
-    assert main(["imitate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
+    words = ["imitate", "--config", str(file), "--value", "v.safetensors"]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 2
     err = capfd.readouterr().err
     assert hint in err
     assert err.count("\n") == 1
@@ -217,8 +219,8 @@ def test_config__stands_between_defaults_and_flags(tmp_path: Path) -> None:
     from train.imitate import Options
 
     file = tmp_path / "my.yaml"
-    file.write_text("rounds: 7\nhidden: [5, 6]\nviolation: 1\nseed: 3\ninit: a.safetensors\n")
+    file.write_text("rounds: 7\nhidden: [5, 6]\nviolation: 1\nseed: 3\nvalue: a.safetensors\n")
     options = parse_with_file(Options, "imitate", ["--config", str(file), "--seed", "4"])
     assert (options.rounds, options.fit.hidden, options.fit.violation) == (7, (5, 6), 1.0)
-    assert (options.run.seed, options.init) == (4, Path("a.safetensors"))
-    assert options.depth == Options().depth
+    assert (options.run.seed, options.value) == (4, Path("a.safetensors"))
+    assert options.overweight == Options(Path()).overweight

@@ -1,17 +1,14 @@
-"""Teachers: what modes cost, the states that are collected, the mirror image."""
+"""The teacher: what modes cost, and the states that are collected."""
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from agents.labels import STATE_FIELDS, Decisions, mirror_image
-from agents.labels import join as joined
+from agents.labels import STATE_FIELDS, Decisions
 from agents.teacher import (
     FAILURE,
     FEW,
-    NEAR_LIMIT,
     Visit,
     collect,
     judge,
@@ -20,13 +17,13 @@ from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, mirror, telling
 from snake_env.params import SnakeParams
-from snake_env.policies.registry import load_policy
-from snake_env.policies.value import load_value, network_value
+from snake_env.policies.value import PhaseValue, network_value, pretrained
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observation_rows, observation_size, observe
-from snake_env.sim.simulation import advance, least_distances, predict
+from snake_env.sim.simulation import advance, predict
 from snake_env.state import SnakeState, StateBatch
-from tests.support.robots import PAPER, random_state, same_state, sim_1_episode
+from tests.support.models import model_of
+from tests.support.robots import PAPER, random_state, same_state
 
 FIVE = SnakeParams(n_joints=5)
 NARROW = SnakeParams.preset("narrow")
@@ -40,11 +37,15 @@ def _student(n_joints: int, highest: bool) -> Network:
     return Network([np.zeros(shape, np.float32)], [preferences if highest else -preferences])
 
 
+def _value(n_joints: int) -> Network:
+    """A value network with random weights."""
+    return model_of(n_joints, n_joints, "value").network
+
+
 def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
     options = {
-        "seed": 0, "part": 0, "decisions": 150, "teacher": "lookahead", "depth": 0, "value": None,
-        "student": None, "overweight": 1.0, "mirrored": False, "near_limits": 0.0,
-        "params": params,
+        "seed": 0, "part": 0, "decisions": 150, "value": _value(params.n_joints),
+        "student": None, "overweight": 1.0, "params": params,
     }  # fmt: skip
     return Visit(**(options | changes))  # type: ignore[arg-type]
 
@@ -76,16 +77,11 @@ def _mirrored(state: SnakeState, params: SnakeParams) -> SnakeState:
     )
 
 
-def _decisions(states: Sequence[SnakeState], params: SnakeParams) -> Decisions:
-    return judge(StateBatch.stack(states), "lookahead", params)
-
-
 @pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
-@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
-def test_judge__knows_what_is_feasible(teacher, params: SnakeParams) -> None:
+def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
     n = params.n_joints
     states = [random_state(seed, params, max(1, n - seed)) for seed in range(n - 1)]
-    decisions = judge(StateBatch.stack(states), teacher, params)
+    decisions = judge(StateBatch.stack(states), PhaseValue(params), params)
     shape = (n - 1, len(mode_table(n)))
     assert decisions.mask.shape == decisions.feasible.shape == decisions.cost_to_go.shape == shape
     for k, state in enumerate(states):
@@ -102,137 +98,11 @@ def test_judge__knows_what_is_feasible(teacher, params: SnakeParams) -> None:
     assert not decisions.feasible[decisions.feasible.any(axis=1)].all(axis=1).any()
 
 
-def _intervals(state: SnakeState, params: SnakeParams) -> float:
-    """Intervals that the policy ``analytic`` needs; FAILURE where it breaks down or takes longer."""
-    policy = load_policy("analytic", params)
-    for count in itertools.count():
-        if state.done:
-            return count
-        if count == FAILURE - 1:
-            return FAILURE
-        state, prediction = advance(state, policy.select_mode(state), params)
-        if not prediction.feasible[0]:
-            return FAILURE
-    raise AssertionError
-
-
-def test_analytic__is_one_interval_and_what_21_needs_from_there() -> None:
-    late = [state for state in sim_1_episode()[0] if 5 <= state.phase <= 8]
-    others = [random_state(seed, PAPER, 6) for seed in range(6)]
-    states = [*late, *others]
-    cost = judge(StateBatch.stack(states), "analytic", PAPER).cost_to_go
-    seen = set()
-    for state, costs in zip(states, cost, strict=True):
-        for mode in np.flatnonzero(np.isfinite(costs)):
-            expected = 1.0 + _intervals(advance(state, int(mode), PAPER)[0], PAPER)
-            assert costs[mode] == expected
-            seen.add(expected)
-    assert {1.0, 2.0, 3.0, 1.0 + FAILURE} <= seen
-
-
-def test_analytic__counts_sim_1_down() -> None:
-    states, modes, _ = sim_1_episode()
-    cost = judge(StateBatch.stack(states[:-1]), "analytic", PAPER).cost_to_go
-    assert [float(row[mode]) for row, mode in zip(cost, modes, strict=True)] == [
-        *range(len(modes), 0, -1)
-    ]
-
-
 def _after(state: SnakeState, params: SnakeParams) -> dict[int, SnakeState]:
     """Where each feasible mode leads."""
     valid = mode_table(params.n_joints).valid(state.phase)
     feasible = valid[predict(state, valid, params).feasible]
     return {int(mode): advance(state, int(mode), params)[0] for mode in feasible}
-
-
-def _best(state: SnakeState, depth: int, params: SnakeParams) -> float:
-    """The least sum of intervals and value, by trying everything."""
-    if depth == 0 or state.done:
-        return max(0.0, float(load_value(params)(StateBatch.stack([state]))[0]))
-    leaves = [_best(after, depth - 1, params) for after in _after(state, params).values()]
-    return min([FAILURE, *(1.0 + leaf for leaf in leaves)])
-
-
-@pytest.mark.parametrize("params", [PAPER, NARROW, FIVE])
-@pytest.mark.parametrize("depth", [0, 1, 2])
-def test_lookahead__is_the_best_leaf_and_the_way_there(depth: int, params: SnakeParams) -> None:
-    n = params.n_joints
-    states = [random_state(seed, params, n - 3 + seed % 4) for seed in range(8)]
-    cost = judge(StateBatch.stack(states), "lookahead", params, depth).cost_to_go
-    checked = 0
-    for state, costs in zip(states, cost, strict=True):
-        for mode, after in _after(state, params).items():
-            expected = 1.0 + min(_best(after, depth, params), FAILURE)
-            assert costs[mode] == pytest.approx(expected, abs=1e-4)
-            checked += 1
-    assert checked > 6
-
-
-@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
-def test_judge__of_a_deadlock_finds_nothing(teacher) -> None:
-    for depth in (0, 1):
-        decisions = judge(StateBatch.stack([BLOCKED] * 2), teacher, NARROW, depth)
-        assert not decisions.feasible.any()
-        assert np.isinf(decisions.cost_to_go).all()
-        assert len(decisions) == 2
-
-
-def test_mode_that_leads_into_a_deadlock__costs_a_failure() -> None:
-    seen = 0
-    for seed in range(60):
-        state = random_state(seed, NARROW, 7)
-        leads = _after(state, NARROW)
-        dead = [mode for mode, after in leads.items() if not after.done]
-        dead = [mode for mode in dead if not _after(leads[mode], NARROW)]
-        if dead:
-            batch = StateBatch.stack([state])
-            for cost in (
-                judge(batch, "lookahead", NARROW, depth=1).cost_to_go[0],
-                judge(batch, "analytic", NARROW).cost_to_go[0],
-            ):
-                assert (cost[dead] == 1.0 + FAILURE).all()
-            seen += 1
-    assert seen >= 3
-
-
-@pytest.mark.parametrize("n_joints", [5, 8, 9])
-def test_mirror_image__moves_as_the_mirrored_robot(n_joints: int) -> None:
-    params = SnakeParams(n_joints=n_joints)
-    states = [random_state(seed, params, 1 + seed % n_joints) for seed in range(2 * n_joints)]
-    image = mirror_image(_decisions(states, params), params)
-    compared = 0
-    for k, state in enumerate(states):
-        mirrored = image.states[k]
-        expected = _mirrored(state, params)
-        assert mirrored.w == pytest.approx(expected.w, abs=1e-15)
-        assert same_state(mirrored.replace(w=expected.w), expected)
-        modes = mode_table(n_joints).valid(state.phase)
-        one, other = predict(state, modes, params), predict(mirrored, modes, params)
-        assert np.array_equal(one.feasible, other.feasible)
-        kept = one.feasible
-        assert np.abs(one.phi[kept] + other.phi[kept]).max(initial=0.0) < 1e-9
-        flipped = np.column_stack([other.w[:, 0], -other.w[:, 1], 2 * np.pi - other.w[:, 2]])
-        assert np.abs(one.w[kept] - flipped[kept]).max(initial=0.0) < 1e-9
-        assert one.cost[kept] == pytest.approx(other.cost[kept], rel=1e-6)
-        compared += kept.sum()
-    assert compared > 2 * n_joints
-
-
-def test_mirror_image__keeps_what_was_decided() -> None:
-    decisions = _decisions([random_state(seed) for seed in range(6)], PAPER)
-    image = mirror_image(decisions, PAPER)
-    for name in ("mask", "feasible", "cost_to_go"):
-        assert np.array_equal(getattr(image, name), getattr(decisions, name))
-    for name in ("phase", "phase_time", "elapsed", "last_mode"):
-        assert np.array_equal(getattr(image.states, name), getattr(decisions.states, name))
-    again = mirror_image(image, PAPER).states
-    assert np.array_equal(again.phi, decisions.states.phi)
-    assert again.w == pytest.approx(decisions.states.w, abs=1e-15)
-    judged = judge(image.states, "analytic", PAPER)
-    own = judge(decisions.states, "analytic", PAPER)
-    assert np.array_equal(judged.feasible, own.feasible)
-    assert np.array_equal(judged.cost_to_go, own.cost_to_go)
-    assert np.array_equal(judged.mask, own.mask)
 
 
 def _moved(seed: int, params: SnakeParams) -> SnakeState:
@@ -315,10 +185,36 @@ def test_mirror__twice_is_nothing(n_joints: int) -> None:
     assert np.array_equal(once[:, order] * sign, x)
 
 
-@pytest.mark.parametrize("teacher", ["lookahead", "analytic"])
-def test_collect__gives_just_as_many_decisions_as_asked(teacher) -> None:
+def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
+    """Against one state at a time; nothing costs more than a failure, nor less than the interval."""
+    value = network_value(_value(8), PAPER)
+    checked, bounds = 0, set()
+    for seed in range(8):
+        state = random_state(seed, PAPER, 5 + seed % 4)
+
+        def worth(states: StateBatch) -> np.ndarray:
+            return 40.0 * value(states)  # far beyond both bounds
+
+        (cost,) = judge(StateBatch.stack([state]), worth, PAPER).cost_to_go
+        for mode, after in _after(state, PAPER).items():
+            raw = float(worth(StateBatch.stack([after]))[0])
+            assert cost[mode] == pytest.approx(1.0 + min(max(raw, 0.0), FAILURE), abs=1e-4)
+            bounds |= {raw < 0.0, raw > FAILURE}
+            checked += 1
+    assert checked > 20
+    assert bounds == {True, False}
+
+
+def test_judge__of_a_deadlock_finds_nothing() -> None:
+    decisions = judge(StateBatch.stack([BLOCKED] * 2), PhaseValue(NARROW), NARROW)
+    assert not decisions.feasible.any()
+    assert np.isinf(decisions.cost_to_go).all()
+    assert len(decisions) == 2
+
+
+def test_collect__gives_just_as_many_decisions_as_asked() -> None:
     for decisions in (1, 64, 333):
-        part, found = collect(_visit(part=7, decisions=decisions, teacher=teacher))
+        part, found = collect(_visit(part=7, decisions=decisions))
         assert part == 7
         assert len(found) == decisions
         choices = mode_table(5).masks(found.states.phase).sum(axis=1)
@@ -327,17 +223,23 @@ def test_collect__gives_just_as_many_decisions_as_asked(teacher) -> None:
 
 
 def test_collect__says_what_judge_says() -> None:
-    for depth in (0, 1):
-        found = _collected(depth=depth, decisions=80)
-        assert _same(found, judge(found.states, "lookahead", FIVE, depth))
-    found = _collected(teacher="analytic", decisions=80)
-    assert _same(found, judge(found.states, "analytic", FIVE))
     eleven = Network(
         [np.zeros((observation_size(5), 1), np.float32)], [np.full(1, 11.0, np.float32)]
     )
-    found = _collected(value=eleven, decisions=80)
-    assert _same(found, judge(found.states, "lookahead", FIVE, 0, network_value(eleven, FIVE)))
+    for network in (_value(5), eleven):
+        found = _collected(value=network, decisions=80)
+        assert _same(found, judge(found.states, network_value(network, FIVE), FIVE))
     assert set(found.cost_to_go[found.feasible]) == {12.0}  # none of them reaches the target
+
+
+def test_slip__moves_the_heads_of_those_that_are_visited() -> None:
+    dry, wet = (_collected(PAPER, decisions=300, slip=slip) for slip in ((0, 0), (0.01, 0.05)))
+    off = [np.abs(found.states.w - PAPER.w_d).max(axis=1) for found in (dry, wet)]
+    begun = [found.states.elapsed == 0.0 for found in (dry, wet)]
+    assert off[0].max() < 1e-9
+    assert off[1][begun[1]].max() == 0.0
+    assert (off[1][~begun[1]] > 1e-4).mean() > 0.9
+    assert _same(wet, _collected(PAPER, decisions=300, slip=(0.01, 0.05)))
 
 
 def test_collect__is_decided_by_seed_and_part() -> None:
@@ -347,12 +249,6 @@ def test_collect__is_decided_by_seed_and_part() -> None:
     for one, other in itertools.combinations(found.values(), 2):
         shapes = {row.tobytes() for row in one.states.target}
         assert not shapes & {row.tobytes() for row in other.states.target}
-
-
-def test_collect__adds_the_mirror_image() -> None:
-    plain, both = _collected(decisions=90), _collected(decisions=90, mirrored=True)
-    assert len(both) == 180
-    assert _same(both, joined([plain, mirror_image(plain, FIVE)]))
 
 
 def _steps(decisions: Decisions) -> list[tuple[int, int]]:
@@ -417,30 +313,18 @@ def _near_deadlock(decisions: Decisions) -> float:
 
 
 def test_overweight__keeps_more_states_near_a_deadlock() -> None:
-    plain = _near_deadlock(_collected(NARROW, seed=2, decisions=1500))
-    often = _near_deadlock(_collected(NARROW, seed=2, decisions=1500, overweight=4.0))
+    model = pretrained(NARROW, "value")  # it comes far enough
+    assert model is not None
+    value = model.network
+    plain, often = (
+        _near_deadlock(
+            _collected(NARROW, seed=2, decisions=1500, value=value, overweight=overweight)
+        )
+        for overweight in (1.0, 4.0)
+    )
     assert 0.01 < plain < 0.3
     odds = plain / (1.0 - plain), often / (1.0 - often)
     assert 2.5 < odds[1] / odds[0] < 6.0
-
-
-@pytest.mark.parametrize("params", [FIVE, PAPER], ids=["5", "8"])
-def test_near_limits__is_the_share_of_episodes_in_which_a_joint_begins_there(
-    params: SnakeParams,
-) -> None:
-    def share_near(near_limits: float) -> float:
-        states = _collected(params, decisions=3000, near_limits=near_limits).states
-        first = states.phi[states.elapsed == 0.0]
-        assert len(first) > 100
-        assert np.abs(first).max() <= params.phi_limit
-        assert least_distances(first, params).min() >= params.d_collision
-        return float((np.abs(first).max(axis=1) >= params.phi_limit - NEAR_LIMIT).mean())
-
-    none, all_of_them = share_near(0.0), share_near(1.0)
-    chance = 1.0 - (1.0 - NEAR_LIMIT / params.phi_limit) ** params.n_joints
-    assert none == pytest.approx(chance, abs=0.12)  # 0.15 and 0.23
-    assert all_of_them > 0.7  # the others' links would be too close together
-    assert none < share_near(0.5) < all_of_them
 
 
 def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:

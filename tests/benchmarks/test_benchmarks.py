@@ -33,7 +33,9 @@ def test_vector__compares_and_draws(
 def test_training__compares_with_the_ceiling(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    small = training.ppo.Settings(num_envs=4, n_steps=4, batch_size=8, hidden=(8,))
-    monkeypatch.setattr(training.ppo, "Settings", lambda: small)
+    small = training.Settings(num_envs=4, n_steps=4, batch_size=8, hidden=(8,))
+    monkeypatch.setattr(training, "Settings", lambda: small)
     assert training.main(["--rounds", "1"]) == 0
-    assert "ceiling" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "PPO, 4 robots, hidden (8,)" in told
+    assert "ceiling" in told

@@ -1,20 +1,40 @@
 """+critic: simulate the favourites, drop what can't be executed or leads nowhere, take the best."""
 
+from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from snake_env import InvalidInputError, SnakeParams, SnakeState, UnknownNameError, load_policy
+from snake_env import (
+    InvalidInputError,
+    SnakeParams,
+    SnakeState,
+    UnknownNameError,
+    load_policy,
+)
+from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.networks.network import Network
+from snake_env.policies import one_step
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.one_step import CREEPING, CriticPolicy, ValuePolicy
-from snake_env.policies.value import NetworkValue, PhaseValue, ValueFunction, load_value
-from snake_env.sim.optimizer import AnalyticOptimizer
-from snake_env.sim.simulation import advance, predict
+from snake_env.policies.one_step import CREEPING, Choice, CriticPolicy, ValuePolicy, best_mode
+from snake_env.policies.value import (
+    ActionValue,
+    NetworkValue,
+    PhaseValue,
+    ValueFunction,
+    load_value,
+)
+from snake_env.sim import optimizer
+from snake_env.sim.observation import observation_size
+from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import StateBatch
 from tests.support.models import model_of
+from tests.support.plus_critic import plus_critic
 from tests.support.robots import random_state
 
 ROBOTS = {
@@ -32,42 +52,152 @@ def _of(params: SnakeParams, kind: str, seed: int) -> Model:
     return Model(given.kind, params, given.network)
 
 
-def _transcription(
-    state: SnakeState, ranked: np.ndarray, value: ValueFunction, params: SnakeParams, k: int
-) -> int:
-    """Simulates one mode at a time, ranks, takes."""
-    for portion in (ranked[:k], ranked[k : 2 * k]):
-        rows = []
-        for mode in portion.tolist():
-            after, prediction = advance(state, mode, params)
-            touches = prediction.d_min[0] < params.d_touch
-            if not prediction.feasible[0] or touches:
-                continue
-            worth = float(value(StateBatch.stack([after]))[0])
-            creeps = np.abs(after.phi - state.phi).max() < np.float32(CREEPING)
-            rows.append((creeps, worth, mode))
-        if rows:
-            least = min(creeps for creeps, _, _ in rows)
-            return min((w, i, m) for i, (c, w, m) in enumerate(rows) if c == least)[2]
-    return AnalyticOptimizer(params).select(state).last_resort
+@pytest.fixture
+def lanes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many modes each call of the simulation has got."""
+    seen: list[int] = []
+
+    def counted(simulate: Callable[..., Any]) -> Callable[..., Any]:
+        def counting(state: SnakeState, modes: Any, params: SnakeParams) -> Any:
+            seen.append(len(modes))
+            return simulate(state, modes, params)
+
+        return counting
+
+    for room, name in ((one_step, "ends"), (one_step, "predict"), (optimizer, "predict")):
+        monkeypatch.setattr(room, name, counted(getattr(room, name)))
+    return seen
+
+
+def _decided(policy: CriticPolicy, state: SnakeState, lanes: list[int]) -> tuple[int, int]:
+    """What the policy chooses in an episode that begins here, and the lanes that were simulated."""
+    policy.reset()
+    before, rollouts = sum(lanes), policy.rollouts
+    mode = policy.select_mode(state)
+    simulated = sum(lanes) - before
+    assert policy.rollouts - rollouts == simulated
+    return mode, simulated
 
 
 @pytest.mark.parametrize("k", [1, 4, 8])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_critic__takes_what_a_transcription_takes(robot: str, k: int) -> None:
+def test_critic__takes_what_a_transcription_takes(robot: str, k: int, lanes: list[int]) -> None:
     params = ROBOTS[robot]
     model, value = _of(params, "policy", 3), NetworkValue(_of(params, "value", 4), params)
     policy = CriticPolicy(NetworkPolicy(params, model), value, params, k)
-    seen = set()
+    rules = set()
     for seed in range(25):
         state = random_state(seed, params)
-        policy.reset()
-        before = policy.rollouts
         ranked = NetworkPolicy(params, model).ranking(state)
-        chosen = policy.select_mode(state)
-        assert chosen == _transcription(state, ranked, value, params, k)
-        seen.add(policy.rollouts - before)
-    assert min(seen) <= k
+        told = plus_critic(state, ranked, value, params, k)
+        assert _decided(policy, state, lanes) == (told.mode, told.simulated)
+        rules.add(told.rule)
+    assert {"favourites", "last resort"} <= rules
+
+
+def _at_a_limit(seed: int, params: SnakeParams) -> SnakeState:
+    """A state in which the joint behind the SCP can hardly turn on: some modes lead nowhere."""
+    state = random_state(seed, params)
+    phi, joint = state.phi.copy(), min(state.phase, params.n_joints - 1)
+    phi[joint] = np.copysign(params.phi_limit - 1e-5, phi[joint])
+    return state.replace(phi=phi)
+
+
+def _misled(state: SnakeState, params: SnakeParams) -> Model:
+    """A policy that prefers what leads nowhere, then what can't be executed, then what touches."""
+    valid = mode_table(params.n_joints).valid(state.phase)
+    found = predict(state, valid, params)
+    executable = found.feasible & (found.d_min >= params.d_touch)
+    turn = np.abs(found.phi - state.phi).max(axis=1)
+    preferences = np.zeros(len(mode_table(params.n_joints)), np.float32)
+    preferences[valid] = np.select([executable & (turn < 0.05), ~executable], [20.0, 10.0])
+    preferences -= 0.01 * np.arange(len(preferences), dtype=np.float32)
+    shape = observation_size(params.n_joints), len(preferences)
+    return Model("policy", params, Network([np.zeros(shape, np.float32)], [preferences]))
+
+
+@pytest.mark.parametrize("ranker", ["network", "phases"])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_critic__looks_further_where_the_favourites_lead_nowhere(
+    robot: str, ranker: str, lanes: list[int]
+) -> None:
+    params = ROBOTS[robot]
+    network = NetworkValue(_of(params, "value", 4), params)
+    value: ValueFunction = network if ranker == "network" else PhaseValue(params)
+    rules = set()
+    for seed in range(40):
+        state = _at_a_limit(seed, params)
+        model = _misled(state, params)
+        ranked = NetworkPolicy(params, model).ranking(state)
+        for k in (1, 2, 8):
+            told = plus_critic(state, ranked, value, params, k)
+            policy = CriticPolicy(NetworkPolicy(params, model), value, params, k)
+            assert _decided(policy, state, lanes) == (told.mode, told.simulated)
+            rules.add(told.rule)
+    assert rules == {
+        *("favourites", "next favourites", "others", "leads nowhere", "last resort"),
+    }
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_critic__where_nothing_leads_anywhere_takes_from_the_first_that_can_be_executed(
+    robot: str, lanes: list[int]
+) -> None:
+    params = ROBOTS[robot]
+    several = 0
+    for seed in range(300):
+        state = _at_a_limit(seed, params)
+        valid = mode_table(params.n_joints).valid(state.phase)
+        found = predict(state, valid, params)
+        can = found.feasible & (found.d_min >= params.d_touch)
+        if can.sum() < 2 or np.abs(found.phi[can] - state.phi).max() >= 0.05:
+            continue  # one of them leads somewhere
+        model = _misled(state, params)
+        ranked = NetworkPolicy(params, model).ranking(state)
+        lowest = {int(mode): -float(place) for place, mode in enumerate(ranked)}
+
+        def worst_first(states: StateBatch, worth: dict[int, float] = lowest) -> np.ndarray:
+            """The later a favourite comes, the better is its end."""
+            return np.array([worth[int(mode)] for mode in states.last_mode])
+
+        for k in (1, 2):
+            told = plus_critic(state, ranked, worst_first, params, k)
+            policy = CriticPolicy(NetworkPolicy(params, model), worst_first, params, k)
+            assert _decided(policy, state, lanes) == (told.mode, told.simulated)
+            assert told.mode in ranked[:k]
+        several += 1
+    assert several >= 1
+
+
+def test_best_mode__says_whether_it_leads_anywhere() -> None:
+    assert CREEPING == 0.05
+    params, seen = ROBOTS["six"], set()
+    for seed in range(40):
+        state = _at_a_limit(seed, params)
+        modes = mode_table(6).valid(state.phase)
+        found = predict(state, modes, params)
+        turn = np.abs(found.phi - state.phi).max(axis=1)
+        can = found.feasible & (found.d_min >= params.d_touch)
+        for value in (PhaseValue(params), NetworkValue(_of(params, "value", 4), params)):
+            choice = best_mode(state, modes[can & (turn < 0.05)], value, params)
+            assert choice is None or not choice.leads
+            seen.add(choice is None)
+            everything = best_mode(state, modes, value, params)
+            if (can & (turn >= 0.05)).any():
+                assert everything is not None
+                assert everything.leads
+                assert everything.mode in modes[can & (turn >= 0.05)]
+            elif can.any():
+                assert everything == choice
+            else:
+                assert everything is None
+            one = modes[can][:1]
+            if len(one):
+                assert best_mode(state, one, value, params) == Choice(
+                    int(one[0]), bool(turn[can][0] >= 0.05)
+                )
+            assert best_mode(state, modes[~can], value, params) is None
+    assert seen == {True, False}
 
 
 @pytest.mark.parametrize("robot", ["paper", "narrow"])
@@ -90,7 +220,7 @@ def test_critic__needs_no_network() -> None:
         state = random_state(seed, params)
         ranked = NetworkPolicy(params, model).ranking(state)
         policy.reset()
-        assert policy.select_mode(state) == _transcription(state, ranked, value, params, 8)
+        assert policy.select_mode(state) == plus_critic(state, ranked, value, params, 8).mode
 
 
 def test_standing_still__the_critic_does_not_repeat_what_it_executed() -> None:
@@ -120,9 +250,47 @@ def test_model_file__holds_its_critic(kind: str, tmp_path: Path) -> None:
     state, value = random_state(3, params), NetworkValue(critic, params)
     ranked = NetworkPolicy(params, model).ranking(state)
     chosen = load_policy(f"{path}+critic:k=5", params).select_mode(state)
-    assert chosen == _transcription(state, ranked, value, params, 5)
+    assert chosen == plus_critic(state, ranked, value, params, 5).mode
     with pytest.raises(InvalidInputError, match=r"^l = 0\.091: expected 0\.1, as the model was"):
         load_policy(f"{path}+critic", SnakeParams(n_joints=6))
+
+
+def test_model_file__without_a_critic_ranks_by_its_own_action_values(tmp_path: Path) -> None:
+    params = SnakeParams(n_joints=6, l=0.1)
+    model, path = _of(params, "policy", 2), tmp_path / "mine.safetensors"
+    write_model(path, model)
+    policy = load_policy(f"{path}+critic:k=3", params)
+    others = CriticPolicy(NetworkPolicy(params, model), PhaseValue(params), params, 3)
+    differs = 0
+    for seed in range(30):
+        state = random_state(seed, params)
+        ranked = NetworkPolicy(params, model).ranking(state)
+        told = plus_critic(state, ranked, ActionValue(model, params), params, 3)
+        policy.reset()
+        others.reset()
+        assert policy.select_mode(state) == told.mode
+        differs += others.select_mode(state) != told.mode
+    assert differs > 3
+
+
+@pytest.mark.parametrize("preset", ["paper", "narrow"])
+def test_shipped_policies__use_the_value_network_of_their_robot(preset: str) -> None:
+    params = SnakeParams.preset(preset)
+    suffix = "" if preset == "paper" else f"-{preset}"
+    folder = Path(str(files("snake_env"))) / "pretrained"
+    given = read_model(folder / f"value{suffix}.safetensors")
+    model = read_model(folder / f"ppo{suffix}.safetensors")
+    value, policy = NetworkValue(given, params), load_policy("ppo+critic:k=4", params)
+    for seed in range(20):
+        state = random_state(seed, params)
+        ranked = NetworkPolicy(params, model).ranking(state)
+        policy.reset()
+        told = plus_critic(state, ranked, value, params, 4)
+        assert policy.select_mode(state) == told.mode
+    assert isinstance(policy, CriticPolicy)
+    critic = policy._policy.model.critic
+    assert critic is not None
+    assert critic.sha256 == given.sha256
 
 
 @pytest.mark.parametrize(

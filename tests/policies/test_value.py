@@ -7,11 +7,13 @@ from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import mirror
+from snake_env.networks.symmetry import SymmetricNetwork, mirror
 from snake_env.params import SnakeParams
-from snake_env.policies.value import NetworkValue, PhaseValue, load_value
+from snake_env.policies.value import ActionValue, NetworkValue, PhaseValue, load_value
+from snake_env.sim.masks import instant_mask
 from snake_env.sim.observation import observation_size, observe
-from snake_env.state import StateBatch
+from snake_env.state import SnakeState, StateBatch
+from tests.support.models import model_of
 from tests.support.robots import PAPER, random_state, straight_state
 
 
@@ -74,6 +76,46 @@ def test_network_value__refuses_policies_and_other_robots() -> None:
         NetworkValue(policy, PAPER)
     with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5"):
         NetworkValue(Model("value", SnakeParams(n_joints=5), _network(1, 5)), PAPER)
+
+
+def _best_return(state: SnakeState, network: Network, params: SnakeParams) -> float:
+    """The largest action value of the modes that are stable at t_k: the mean of both images'."""
+    order, sign = mirror(params.n_joints)
+    (seen,) = observe(StateBatch.stack([state]), params)
+    returns = []
+    for image in (seen, seen[order] * sign):
+        hidden = np.maximum(image @ network.weights[0] + network.biases[0], 0.0)
+        returns.append(0.03 * (hidden @ network.weights[1] + network.biases[1]))
+    mean = 0.5 * (returns[0] + returns[1])
+    return max(float(mean[mode]) for mode in np.flatnonzero(instant_mask(state, params)))
+
+
+@pytest.mark.parametrize(
+    "params", [PAPER, SnakeParams.preset("narrow"), SnakeParams(n_joints=6, l=0.1)]
+)
+def test_action_value__is_what_the_best_open_modes_return_is_in_intervals(
+    params: SnakeParams,
+) -> None:
+    n = params.n_joints
+    model = model_of(5, n)
+    closed_is_best = 0
+    states = [random_state(seed, params) for seed in range(40)]
+    batch = StateBatch.stack([*states, states[0].replace(phase=n + 1)])
+    intervals = ActionValue(Model("policy", params, model.network), params)(batch)
+    assert intervals.shape == (41,)
+    assert intervals[40] == 0.0
+    for state, found in zip(states, intervals, strict=False):
+        best = _best_return(state, model.network, params)
+        # the reward: 1 for the target, -0.1 for each interval
+        assert 1.0 - 0.1 * found == pytest.approx(best, abs=1e-5)
+        everything = SymmetricNetwork(model.network, n)(observe(StateBatch.stack([state]), params))
+        closed_is_best += 0.03 * everything.max() > best + 1e-3
+    assert closed_is_best > 10  # what can't be chosen does not count
+
+
+def test_action_value__of_no_states_is_empty() -> None:
+    empty = StateBatch.stack([random_state(0)]).take([])
+    assert ActionValue(model_of(0), PAPER)(empty).shape == (0,)
 
 
 @pytest.mark.parametrize(

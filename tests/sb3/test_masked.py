@@ -1,6 +1,8 @@
 """Masked PPO and DQN: nothing closed is ever chosen, nor does it count."""
 
 import dataclasses
+import io
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +10,26 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import CallbackList
 
 from agents import dqn, ppo
-from agents.mlp import PREFERENCE, build, linear_layers, to_numpy
+from agents.dqn import DQNLearner
+from agents.learner import Learner
+from agents.mlp import build, linear_layers, to_numpy
+from agents.ppo import SHARPNESS, PPOLearner
 from snake_env import load_policy
 from snake_env.errors import InvalidInputError
-from snake_env.networks.model_file import Model, write_model
+from snake_env.networks.model_file import PREFERENCE, Model, write_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, joints_observed
+from snake_env.networks.symmetry import (
+    CanonicalNetwork,
+    SymmetricNetwork,
+    joints_observed,
+    mirror,
+)
 from snake_env.params import SnakeParams
+from snake_env.policies.value import NetworkValue
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
 from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.sim.observation import observation_size
@@ -45,13 +58,23 @@ def env() -> _Checked:
 
 
 @pytest.fixture
-def learner(env: _Checked) -> ppo.AveragedPPO:
-    return ppo.build(PPO_SETTINGS, env, seed=1, device="cpu")
+def ppo_learner(env: _Checked) -> PPOLearner:
+    return PPOLearner(PPO_SETTINGS, env, seed=1, device="cpu")
 
 
 @pytest.fixture
-def q_learner(env: _Checked) -> MaskedDQN:
-    return dqn.build(DQN_SETTINGS, env, seed=1, device="cpu")
+def learner(ppo_learner: PPOLearner) -> PPO:
+    return ppo_learner.model
+
+
+@pytest.fixture
+def dqn_learner(env: _Checked) -> DQNLearner:
+    return DQNLearner(DQN_SETTINGS, env, seed=1, device="cpu")
+
+
+@pytest.fixture
+def q_learner(dqn_learner: DQNLearner) -> MaskedDQN:
+    return dqn_learner.model
 
 
 def _tensors(observation: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
@@ -68,9 +91,7 @@ def _network(seed: int) -> Network:
     )
 
 
-def test_ppo__never_chooses_a_closed_mode_while_it_learns(
-    env: _Checked, learner: ppo.AveragedPPO
-) -> None:
+def test_ppo__never_chooses_a_closed_mode_while_it_learns(env: _Checked, learner: PPO) -> None:
     learner.learn(256)
     assert env.steps >= 256
     assert env.wrong == 0
@@ -86,7 +107,7 @@ def test_dqn__never_chooses_a_closed_mode_while_it_learns(
 
 @pytest.mark.parametrize("deterministic", [True, False])
 def test_predict__chooses_the_only_open_mode(
-    env: _Checked, learner: ppo.AveragedPPO, q_learner: MaskedDQN, deterministic: bool
+    env: _Checked, learner: PPO, q_learner: MaskedDQN, deterministic: bool
 ) -> None:
     observation = env.reset()
     only = np.array([3, 98, 0, 41])
@@ -98,20 +119,18 @@ def test_predict__chooses_the_only_open_mode(
             np.testing.assert_array_equal(chosen, only)
 
 
-def test_ppo__policy_is_the_softmax_over_open_modes(
-    env: _Checked, learner: ppo.AveragedPPO
-) -> None:
-    observation = env.reset()
+def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, ppo_learner: PPOLearner) -> None:
+    observation, learner = env.reset(), ppo_learner.model
     with torch.no_grad():
         got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
-    asked = SymmetricNetwork(ppo.network(learner), 8)
+    asked = SymmetricNetwork(ppo_learner.network(), 8)
     logits = asked(observation["observation"]).astype(np.float64)
     wanted = np.exp(logits) * observation["action_mask"]
     wanted /= wanted.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(got, wanted, atol=1e-6)
 
 
-def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: ppo.AveragedPPO) -> None:
+def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: PPO) -> None:
     observation = _tensors(env.reset())
     with torch.no_grad():
         actions, values, log_prob = learner.policy(observation)
@@ -122,7 +141,7 @@ def test_ppo__evaluates_actions_as_it_sampled_them(env: _Checked, learner: ppo.A
     assert (entropy <= torch.log(open_modes) + 1e-5).all()
 
 
-def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: ppo.AveragedPPO) -> None:
+def test_ppo__critic_does_not_see_the_mask(env: _Checked, learner: PPO) -> None:
     observation = _tensors(env.reset())
     other = dict(observation, action_mask=torch.ones_like(observation["action_mask"]))
     with torch.no_grad():
@@ -165,68 +184,138 @@ def test_dqn__explores_all_open_modes_evenly(env: _Checked, q_learner: MaskedDQN
     assert counts.min() > 400  # of 500 each; 5 standard deviations are 97
 
 
-@pytest.mark.parametrize("algorithm", [ppo, dqn], ids=["ppo", "dqn"])
-def test_initialise__gives_the_policy_the_weights(
-    algorithm: Any, env: _Checked, learner: ppo.AveragedPPO, q_learner: MaskedDQN
-) -> None:
-    model = learner if algorithm is ppo else q_learner
+@pytest.fixture(params=["ppo", "dqn"])
+def either(request: pytest.FixtureRequest, ppo_learner: PPOLearner, dqn_learner: DQNLearner) -> Any:
+    return {"ppo": ppo_learner, "dqn": dqn_learner}[request.param]
+
+
+def test_begin__gives_the_policy_the_preferences(either: Learner, env: _Checked) -> None:
     given = _network(seed=0)
-    algorithm.initialise(model, given, algorithm.Settings())
+    either.begin(given)
     observation = env.reset()
-    got = algorithm.network(model)(observation["observation"])
-    np.testing.assert_allclose(got, given(observation["observation"]), rtol=1e-5, atol=1e-4)
-    if algorithm is dqn:
+    sharper = SHARPNESS if isinstance(either, PPOLearner) else 1.0
+    got, wanted = either.network(), given(observation["observation"])
+    np.testing.assert_allclose(
+        got(observation["observation"]), sharper * wanted, rtol=1e-5, atol=1e-3
+    )
+    if isinstance(either, DQNLearner):
         inputs = torch.as_tensor(observation["observation"])
-        for q_net in (q_learner.q_net, q_learner.q_net_target):
+        for q_net in (either.model.q_net, either.model.q_net_target, either.model.anchor):
             np.testing.assert_allclose(
-                q_net.q_net(inputs).detach().numpy(), PREFERENCE * got, rtol=1e-5, atol=1e-5
+                q_net.q_net(inputs).detach().numpy(), PREFERENCE * wanted, rtol=1e-5, atol=1e-5
             )
     asked = SymmetricNetwork(given, 8)(observation["observation"])
     preferences = np.where(observation["action_mask"] > 0, asked, -np.inf)
-    chosen, _ = model.predict(observation, deterministic=True)
+    chosen, _ = either.model.predict(observation, deterministic=True)
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
 
 
-def test_initialise__sharpens_what_ppo_begins_with(env: _Checked, learner: ppo.AveragedPPO) -> None:
-    given = ppo.network(learner)
-    ppo.initialise(learner, given, ppo.Settings(init_sharpness=4.0))
-    observation = env.reset()["observation"]
-    sharp = ppo.network(learner)(observation)
-    np.testing.assert_allclose(sharp, 4.0 * given(observation), rtol=1e-5)
-
-
 @pytest.mark.parametrize("share", [1.0, 0.25])
-def test_average__is_the_running_mean_of_the_actors_weights(env: _Checked, share: float) -> None:
+def test_network__is_the_running_mean_of_the_actors_weights(env: _Checked, share: float) -> None:
     settings = dataclasses.replace(PPO_SETTINGS, ema_rate=share)
-    learner = ppo.build(settings, env, seed=1, device="cpu")
-    _, callback = learner._setup_learn(1000)
-    layer = learner.policy.action_net
-    expected = None
-    for _ in range(3):
-        ppo.iterate(learner, callback, settings)
-        newest = layer.weight.detach().numpy().T.astype(np.float64)
-        expected = newest if expected is None else expected + share * (newest - expected)
-    shipped = ppo.network(learner).weights[-1]
+    learner = PPOLearner(settings, env, seed=1, device="cpu")
+    layer, seen = learner.model.policy.action_net, []
+
+    def note(decisions: int, figures: dict[str, float]) -> None:
+        assert {"loss", "approx_kl", "clip_fraction", "explained_variance"} <= figures.keys()
+        seen.append((decisions, layer.weight.detach().numpy().T.astype(np.float64).copy()))
+
+    learner.learn(96, 0, CallbackList([]), note)
+    assert [decisions for decisions, _ in seen] == [32, 64, 96]
+    expected = seen[0][1]
+    for _, newest in seen[1:]:
+        expected = expected + share * (newest - expected)
+    shipped = learner.network().weights[-1]
     np.testing.assert_allclose(shipped, expected, rtol=1e-6, atol=1e-7)
-    assert np.array_equal(shipped, newest) == (share == 1.0)
+    assert np.array_equal(shipped, seen[-1][1]) == (share == 1.0)
 
 
-@pytest.mark.parametrize("algorithm", [ppo, dqn], ids=["ppo", "dqn"])
+@pytest.mark.parametrize(("success", "time"), [(1.0, -0.1), (2.5, -0.4)])
+def test_critic__says_in_intervals_what_ppos_says_in_reward(success: float, time: float) -> None:
+    weights = {"success": success, "time": time}
+    env = SnakeVecEnv(4, mask_in_observation=True, reward_weights=weights)
+    settings = dataclasses.replace(PPO_SETTINGS, learning_rate=0.01)
+    learner = PPOLearner(settings, env, seed=1, device="cpu")
+    learner.learn(128, 0, CallbackList([]), lambda *_: None)
+    policy, (order, sign) = learner.model.policy, mirror(8)
+    observation = env.reset()
+    image = {**observation, "observation": observation["observation"][:, order] * sign}
+    with torch.no_grad():
+        policy.value_net.bias.add_(0.4)
+        reward, of_image = (
+            policy.predict_values(_tensors(seen)).numpy()[:, 0] for seen in (observation, image)
+        )
+    critic = learner.critic(SnakeParams())
+    assert (critic.kind, critic.params) == ("value", SnakeParams())
+    intervals = NetworkValue(critic, SnakeParams())(env.envs.core.states)
+    for wanted in (reward, of_image):
+        np.testing.assert_allclose(success + time * intervals, wanted, rtol=1e-4, atol=1e-5)
+    one = critic.network(observation["observation"])[:, 0]
+    other = critic.network(image["observation"])[:, 0]
+    assert np.abs(one - other).max() > 1e-3
+    np.testing.assert_allclose(0.5 * (one + other), intervals, rtol=1e-4, atol=1e-5)
+
+
+def test_begin_critic__and_critic_are_each_others_inverse(ppo_learner: PPOLearner) -> None:
+    rng = np.random.default_rng(3)
+    sizes = [observation_size(8), *PPO_SETTINGS.critic_hidden, 1]
+    given = Network(
+        [rng.normal(0.0, 0.1, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
+        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
+    )
+    ppo_learner.begin_critic(given)
+    critic = ppo_learner.critic(SnakeParams()).network
+    networks = [(*each.weights, *each.biases) for each in (critic, given)]
+    for learned, begun in zip(*networks, strict=True):
+        np.testing.assert_allclose(learned, begun, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("ema_rate", [1.0, 0.25])
+def test_restored__ppo_goes_on_as_if_nothing_had_happened(ema_rate: float) -> None:
+    settings = dataclasses.replace(PPO_SETTINGS, ema_rate=ema_rate)
+    through, second = (
+        PPOLearner(settings, SnakeVecEnv(4, mask_in_observation=True), seed=1, device="cpu")
+        for _ in range(2)
+    )
+    through.learn(96, 5, CallbackList([]), lambda *_: None)
+    file = io.BytesIO()
+    torch.save(through.saved(), file)
+    file.seek(0)
+    second.restore(torch.load(file, weights_only=True))
+    for learner in (through, second):
+        learner.learn(192, 6, CallbackList([]), lambda *_: None)
+    told, again = (learner.model.policy.state_dict() for learner in (through, second))
+    assert all(torch.equal(told[name], again[name]) for name in told)
+    one, other = through.network(), second.network()
+    assert all(np.array_equal(a, b) for a, b in zip(one.weights, other.weights, strict=True))
+    assert through.model.num_timesteps == second.model.num_timesteps == 192
+
+
+def test_critic_warmup__leaves_the_preferences_alone(env: _Checked) -> None:
+    settings = dataclasses.replace(PPO_SETTINGS, critic_warmup=64)
+    learner = PPOLearner(settings, env, seed=1, device="cpu")
+    policy = learner.model.policy
+    actor, critic = policy.action_net.weight, policy.value_net.weight
+    seen = [(actor.detach().clone(), critic.detach().clone())]
+
+    def note(decisions: int, figures: dict[str, float]) -> None:
+        seen.append((actor.detach().clone(), critic.detach().clone()))
+
+    learner.learn(128, 0, CallbackList([]), note)
+    pairs = list(itertools.pairwise(seen))
+    assert [torch.equal(one[0], other[0]) for one, other in pairs] == [True, True, False, False]
+    assert not any(torch.equal(one[1], other[1]) for one, other in pairs)
+
+
 def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
-    algorithm: Any,
-    env: _Checked,
-    learner: ppo.AveragedPPO,
-    q_learner: MaskedDQN,
-    tmp_path: Path,
+    either: Learner, env: _Checked, tmp_path: Path
 ) -> None:
-    model = learner if algorithm is ppo else q_learner
-    given = _network(seed=4)
-    algorithm.initialise(model, given, algorithm.Settings())
+    either.begin(_network(seed=4))
     file = tmp_path / "policy.safetensors"
-    write_model(file, Model("policy", SnakeParams(), algorithm.network(model), {}))
+    write_model(file, Model("policy", SnakeParams(), either.network(), {}))
     observation = env.reset()
     for _ in range(20):
-        chosen, _ = model.predict(observation, deterministic=True)
+        chosen, _ = either.model.predict(observation, deterministic=True)
         for k, mode in enumerate(chosen):
             assert load_policy(file).select_mode(env.envs.core.states[k]) == mode
         observation, _, _, _ = env.step(chosen)

@@ -1,5 +1,6 @@
 """Checkpoints: damage and foreign ones are noticed; models are there at each of them, and at Ctrl-C."""
 
+import csv
 import hashlib
 import io
 import json
@@ -15,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from agents.learner import Learner
 from harness.engine import Engine
 from snake_env import SnakeParams, load_policy
 from snake_env.errors import InvalidInputError
@@ -41,17 +43,16 @@ def _run(words: str, out: Path, *more: str) -> int:
 
 def _interrupted(words: str, out: Path, after: int, *more: str) -> None:
     """Runs until Ctrl-C in the segment after so many."""
-    done = []
+    done, learn = [], Learner.learn
 
     def segment(*args: Any) -> None:
         if len(done) == after:
             raise KeyboardInterrupt
         done.append(None)
-        _segment(*args)
+        learn(*args)
 
     with pytest.MonkeyPatch.context() as patch:
-        _segment = rl._segment
-        patch.setattr(rl, "_segment", segment)
+        patch.setattr(Learner, "learn", segment)
         assert _run(words, out, *more) == 130
 
 
@@ -63,12 +64,19 @@ def begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return out, request.param
 
 
+@pytest.fixture(scope="module")
+def begun_dqn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("begun") / "dqn"
+    _interrupted(DQN, out, 1)
+    return out
+
+
 @pytest.mark.parametrize("after", [0, 1])
 def test_interrupt__leaves_a_model(tmp_path: Path, after: int) -> None:
     out = tmp_path / "run"
     _interrupted(PPO, out, after)
     assert (out / "checkpoint.pt").exists() == (after > 0)
-    assert not (out / "best.safetensors").exists()  # nothing was validated
+    assert (out / "best.safetensors").exists() == (after > 0)  # the first segment is validated
     model = read_model(out / "last.safetensors")
     assert model.made["timesteps"] == 512 * after
     load_policy(out / "last.safetensors", SnakeParams())
@@ -76,13 +84,31 @@ def test_interrupt__leaves_a_model(tmp_path: Path, after: int) -> None:
 
 def test_missing_model__is_said_to_come(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"
-    _interrupted(PPO, out, 1)
+    _interrupted(PPO, out, 0)
     capsys.readouterr()
     assert main(["export", str(out), "--into", str(tmp_path / "into")]) == 2
     told = capsys.readouterr().err
-    assert "last.safetensors at every checkpoint (--last ships it)" in told
-    assert main(["export", str(out), "--into", str(tmp_path / "into"), "--last"]) == 0
-    assert "| validation | none |" in (tmp_path / "into" / "ppo.md").read_text()
+    assert "train writes best.safetensors at every validation that is better" in told
+    assert not (tmp_path / "into").exists()
+
+
+def test_validation__is_of_the_first_segment_then_of_every_so_many(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert _run(PPO, out, "--timesteps", "2560", "--validate-every", "3") == 0
+    with (out / "log.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["timesteps"]) for row in rows] == list(range(256, 2561, 256))  # every update
+    validated = [int(row["timesteps"]) for row in rows if row["raw_success"]]
+    assert validated == [512, 1536, 2560]
+    assert all(row["approx_kl"] and row["loss"] and row["entropy_loss"] for row in rows)
+    assert {"clip_fraction", "explained_variance", "critic_success", "critic_time_s"} <= set(
+        rows[0]
+    )
+    found = read_model(out / "last.safetensors").made["validation"]
+    assert found.keys() == {name for name in rows[0] if name.startswith(("raw_", "critic_"))}
+    assert {name: f"{value}" for name, value in found.items()} == {
+        name: rows[-1][name] for name in found
+    }
 
 
 def _copy(begun: tuple[Path, str], tmp_path: Path) -> tuple[Path, str]:
@@ -130,7 +156,9 @@ FOREIGN: dict[str, Callable[[dict[str, Any]], Any]] = {
     "an empty policy": lambda s: s.update(policy={}),
     "another network": lambda s: s["policy"].update({"extra.weight": torch.zeros(3)}),
     "no optimizer": lambda s: s.update(optimizer=3),
-    "no rest": lambda s: s.update(extra=None),
+    "no mean": lambda s: s.pop("mean"),
+    "an empty mean": lambda s: s.update(mean={}),
+    "no counters": lambda s: s.pop("n_updates"),
     "segments before the beginning": lambda s: s.update(segment=-1),
     "no segment": lambda s: s.update(segment=0),
     "many segments": lambda s: s.update(segment=10**9),
@@ -179,6 +207,27 @@ def test_any_bytes__are_a_checkpoint_or_refused(tmp_path: Path, data: st.DataObj
         assert load_checkpoint(path, "a", "cpu")["segment"] == 1
 
 
+BUFFER: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "no rewards": lambda s: s.pop("rewards"),
+    "few rewards": lambda s: s.update(rewards=s["rewards"][:-1]),
+    "half a position": lambda s: s.update(pos=1.5),
+    "a far position": lambda s: s.update(pos=10**6),
+    "fuller than full": lambda s: s.update(full=2),
+    "calls before the beginning": lambda s: s.update(calls=-1),
+    "no calls": lambda s: s.pop("calls"),
+    "an anchor of nothing": lambda s: s.update(anchor={}),
+}
+
+
+@pytest.mark.parametrize("case", BUFFER)
+def test_foreign_replay_buffer__is_refused(
+    begun_dqn: Path, tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = _copy((begun_dqn, DQN), tmp_path)
+    _recast(out / "checkpoint.pt", BUFFER[case])
+    assert _refusal(words, out, capsys).startswith("error: checkpoint = ")
+
+
 @given(st.integers(), st.integers(), st.integers())
 def test_counters__that_a_run_cannot_have_are_refused(
     segments: int, decisions: int, updates: int
@@ -216,9 +265,14 @@ def test_tensorboard__keeps_every_point_over_a_resume(tmp_path: Path) -> None:
     out = tmp_path / "run"
     _interrupted(PPO, out, 2)
     assert _run(PPO, out, "--resume") == 0
-    assert _points(out, "ppo/train_return") == [512, 1024, 1536]
+    updates = list(range(256, 1537, 256))
+    points = {"train_return": [512, 1024, 1536], "approx_kl": updates, "loss": updates}
+    points |= {"raw_success": [512, 1024, 1536], "critic_rollouts": [512, 1024, 1536]}
+    for name, steps in points.items():
+        assert _points(out, f"ppo/{name}") == steps, name
     assert _run(PPO, out, "--overwrite") == 0
-    assert _points(out, "ppo/train_return") == [512, 1024, 1536]
+    for name, steps in points.items():
+        assert _points(out, f"ppo/{name}") == steps, name
     assert len(list((out / "tensorboard").iterdir())) == 1
 
 
@@ -276,7 +330,7 @@ def test_damaged_run_folder__is_refused(
     (out / DAMAGES[content]).write_text(content, errors="surrogateescape")
     assert _is_about(_refusal(words, out, capsys), DAMAGES[content])
     if DAMAGES[content] == "run.json":
-        assert main(["export", str(out), "--into", str(tmp_path), "--last"]) == 2
+        assert main(["export", str(out), "--into", str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith("error: run = ")
 
 

@@ -98,12 +98,12 @@ def test_file__changes_the_defaults_and_the_command_line_counts_more(
 
 def test_export__takes_a_file_too(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text("last: true\nname: own\n")
+    path.write_text("overwrite: true\nname: own\n")
     options = parse_with_file(export.Options, "train", ["runs/a", "--config", str(path)])
-    assert (options.run, options.last, options.name) == (Path("runs/a"), True, "own")
+    assert (options.run, options.overwrite, options.name) == (Path("runs/a"), True, "own")
     path.write_text("run: runs/b\n")
     assert parse_with_file(export.Options, "train", [f"--config={path}"]).run == Path("runs/b")
-    path.write_text("last: true\n")
+    path.write_text("overwrite: true\n")
     assert "RUN" in _refused(export.Options, f"--config={path}")
 
 

@@ -1,7 +1,6 @@
 """``python -m train``: what value and harvest make, refuse and survive."""
 
 import csv
-import importlib
 import json
 import re
 import shlex
@@ -28,10 +27,8 @@ from tests.support.commands import QUICK, Command, Interrupted, names, tree
 from tests.support.models import unsure
 from tests.support.robots import PAPER
 from train.__main__ import COMMANDS, main
-from train.config import parse_with_file
 
 FIVE = SnakeParams(n_joints=5)
-TUNED = sorted((ROOT / "agents" / "tuned").glob("*.yaml"))
 TRAIN = Command(main)
 IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
 HARVEST = ("harvest", "--tasks", "1500", "--workers", "1", "--policy")  # 3 shards
@@ -78,7 +75,9 @@ def test_help__of_a_command_names_its_options(
 BAD = {
     "vlaue": r"^unknown command 'vlaue': did you mean 'value'\? known: .*value",
     "--seed 3": r"^unknown command '--seed'",
-    "imitate --near-limits 1.5": r"^near_limits = 1\.5: expected a number from 0 to 1$",
+    "imitate --value {lookahead} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
+    "imitate --value {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
+    "imitate --value {lookahead} --lessons x": r"Unrecognized options: --lessons, x",
     "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
     "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
     "harvest --policy {lookahead}": r"^model\.kind = 'value': expected policy$",
@@ -92,6 +91,7 @@ BAD = {
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
     "value --trace-decay 1.5": r"^trace_decay = 1\.5: expected a number from 0 to 1$",
+    "value --exact -1": r"^exact = -1: expected zero or a positive number$",
     "value --distil": r"^distil = True: expected --init: whose values are to be learned$",
     "value --device tpu": r"device 'tpu'",
     "value --window 0": r"^window = 0: expected a positive number$",
@@ -301,9 +301,30 @@ def test_value__is_distilled_into_a_smaller_network(
     assert off < 0.5 * spread
     file = tmp_path / "small" / "value.safetensors"
     assert read_model(file).kind == "quick-value"  # asked about one image, it guides nobody else
-    for others in (VALUE, ("imitate", *QUICK, "--value", file, "--out")):
-        told = TRAIN.refusal(capsys, *others, tmp_path / "no", "--init", file)
-        assert re.search(r"^model\.kind = 'quick-value': expected (value|policy)$", told)
+    for others in ((*VALUE, tmp_path / "no", "--init"), ("imitate", *QUICK, "--value")):
+        told = TRAIN.refusal(capsys, *others, file)
+        assert told == "model.kind = 'quick-value': expected value"
+    assert not (tmp_path / "no").exists()
+
+
+def _returns(folder: Path, generation: int) -> np.ndarray:
+    with np.load(folder / f"returns-{generation}.npz") as file:
+        intervals: np.ndarray = file["intervals"]
+    return intervals
+
+
+def test_value__learns_from_exact_returns_first(learned: Path, tmp_path: Path) -> None:
+    assert (train.value.Options().trace_decay, train.value.Options().exact) == (0.7, 4)
+    for exact in (0, 1):
+        TRAIN.good(*VALUE, tmp_path / f"{exact}", "--exact", exact)
+        for generation in range(2):
+            intervals = _returns(tmp_path / f"{exact}", generation)
+            whole = np.array_equal(intervals, np.round(intervals))
+            assert whole == (generation < exact)
+    np.testing.assert_array_equal(_returns(tmp_path / "1", 0), _returns(learned, 0))
+    TRAIN.good(*VALUE, tmp_path / "less", "--exact", 1, "--trace-decay", 0.5)
+    np.testing.assert_array_equal(_returns(tmp_path / "less", 0), _returns(learned, 0))
+    assert not np.array_equal(_returns(tmp_path / "less", 1), _returns(tmp_path / "1", 1))
 
 
 class _Kill(BaseException):
@@ -433,15 +454,3 @@ def test_value__reports_a_damaged_model(
     kept = tmp_path / "value-1.safetensors"
     kept.write_bytes(kept.read_bytes()[:-1])
     assert "a safetensors file" in TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
-
-
-@pytest.mark.parametrize("file", TUNED, ids=lambda file: file.stem)
-def test_tuned_options__can_be_used(file: Path) -> None:
-    command = file.stem.partition("-")[0]
-    options_of = importlib.import_module(f"train.{command}").Options
-    options = parse_with_file(options_of, command, ["--config", str(file)])
-    assert options != options_of()
-    text = file.read_text()
-    assert f"python -m train {command} " in text  # says how it is used
-    for path in re.findall(r"snake_env/[\w/.-]+", text):
-        assert (ROOT / path).is_file()
