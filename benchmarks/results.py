@@ -24,9 +24,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from benchmarks.operations import processor
 from harness.command import exit_code
 from harness.files import read_json, write_atomically
+from harness.folder import writable_folder
 from harness.options import parse
 from harness.provenance import revision
 from snake_env.envs.slip import NO_SLIP, Slip
+from snake_env.errors import UnknownNameError
 from snake_env.kernel.compiler import vector_bits
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -67,15 +69,22 @@ class Options:
 
     run: bool = False
     """Evaluate the shipped policies and measure the speeds: about half an hour on two cores."""
+    only: tuple[str, ...] = ()
+    """With --run, only these: experiment, paper, narrow, six, ten, hardware, speed."""
 
 
 def main(args: list[str] | None = None) -> int:
     """Runs what is asked for, and writes the page; the exit code."""
     options = parse(Options, "python -m benchmarks.results", args)
     if options.run:
-        for name, evaluation in EVALUATIONS.items():
-            write_atomically(DATA / f"{name}.json", _text(evaluated(name, evaluation)))
-        write_atomically(DATA / "speed.json", _text(speeds()))
+        known = [*EVALUATIONS, "speed"]
+        for name in options.only:
+            if name not in known:
+                raise UnknownNameError("part of the results", name, known)
+        for name in options.only or known:
+            found = speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
+            writable_folder(DATA)
+            write_atomically(DATA / f"{name}.json", _text(found))
     write_atomically(PAGE, page())
     print(PAGE.relative_to(ROOT))
     return 0

@@ -1,35 +1,67 @@
-"""A model that Stable-Baselines3 has saved, as a policy of the evaluation.
+"""A model that Stable-Baselines3 or sb3-contrib has saved, as a policy of the evaluation.
 
-Evaluate one that was trained with a mask in its observation, as examples/sb3_ppo.py trains it:
+``SavedModel`` loads a PPO with ``MaskedActorCriticPolicy``, ``SavedMaskable`` a ``MaskablePPO``:
 
     SB3_MODEL=my_ppo.zip python -m evaluate analytic --policy examples.sb3_model:SavedModel
+    SB3_MODEL=my_maskable.zip python -m evaluate analytic --policy examples.sb3_model:SavedMaskable
 """
 
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 
 from snake_env import SnakeParams, SnakeState, action_mask, observe
 
 
 class SavedModel:
-    """Chooses what PPO's ``predict`` chooses."""
+    """Chooses what PPO's ``predict`` chooses, and no mode twice where the robot has not moved."""
 
     def __init__(self, params: SnakeParams) -> None:
+        torch.set_num_threads(1)
         self.params, self.rollouts = params, 0
-        self.model = PPO.load(os.environ.get("SB3_MODEL", "my_ppo.zip"), device="cpu")
+        self.model: Any = self.load(os.environ.get("SB3_MODEL", "my_ppo.zip"))
+        self.reset()
+
+    def load(self, path: str) -> Any:
+        """The saved model."""
+        return PPO.load(path, device="cpu")
 
     def reset(self, seed: int | None = None) -> None:
-        """Begins an episode; nothing is remembered."""
+        """Begins an episode: nothing has been tried."""
+        self.tried: set[int] = set()
+        self.where = np.empty(0)
 
     def select_mode(self, state: SnakeState) -> int:
-        """The mode of highest preference."""
-        seen = {
-            "observation": observe(state, self.params),
-            "action_mask": action_mask(state, self.params).astype(np.int8),
-        }
-        mode, _ = self.model.predict(seen, deterministic=True)
-        return int(mode)
+        """The mode of highest preference among those that are open."""
+        mask = action_mask(state, self.params)
+        if len(self.where) and np.abs(state.phi - self.where).max() < 1e-3:
+            self.tried.add(state.last_mode)
+            left = mask & ~np.isin(np.arange(len(mask)), list(self.tried))
+            mask = left if left.any() else mask
+        else:
+            self.tried, self.where = set(), state.phi
+        return self.predict(observe(state, self.params), mask)
+
+    def predict(self, observation: np.ndarray, mask: np.ndarray) -> int:
+        """The model's choice."""
+        seen = {"observation": observation, "action_mask": mask.astype(np.int8)}
+        return int(self.model.predict(seen, deterministic=True)[0])
+
+
+class SavedMaskable(SavedModel):
+    """The same for a model of sb3-contrib's ``MaskablePPO``."""
+
+    def load(self, path: str) -> Any:
+        """The saved model."""
+        from sb3_contrib import MaskablePPO  # only this class needs it
+
+        return MaskablePPO.load(path, device="cpu")
+
+    def predict(self, observation: np.ndarray, mask: np.ndarray) -> int:
+        """The model's choice."""
+        return int(self.model.predict(observation, action_masks=mask, deterministic=True)[0])
