@@ -36,14 +36,15 @@ class Options:
         tyro.conf.arg(metavar="POLICY...", help_behavior_hint=""),
     ]
     """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
-    joints at once, wheels skidding), or model files; +shield after one checks its choices; options
-    follow a colon: lookahead:width=16. The others are compared with the first."""
+    joints at once, wheels skidding), model files, or folders of runs of train; +shield checks a policy's
+    choices, +critic simulates eight of them; options follow a colon: lookahead:width=16. The others are
+    compared with the first."""
     policy: Factories = ()
     """Your own policy: a module that Python finds, and a factory in it that is called with the
     constants; may be repeated."""
     tasks: str = "paper-500"
-    """paper-500, validation-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0 and
-    target of shape (N, n)."""
+    """paper-500, validation-2k, test-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0
+    and target of shape (N, n)."""
     preset: str = "paper"
     """Constants of the robot: paper, hardware, narrow, six or ten."""
     set: Assignments = ()
@@ -53,7 +54,7 @@ class Options:
     overwrite: bool = False
     """Replace the results in --out."""
     resume: bool = False
-    """Go on with the interrupted run in --out."""
+    """Continue the interrupted run in --out."""
     decision_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """A decision that takes longer ends its episode with the outcome error."""
     slip: tuple[float, float] = NO_SLIP

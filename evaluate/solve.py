@@ -48,7 +48,7 @@ class SolveOptions:
     improve: Annotated[Path | None, tyro.conf.arg(metavar="CSV")] = None
     """Plans to begin with: the plans.csv of another search of the same tasks."""
     resume: bool = False
-    """Go on with the interrupted search in the folder."""
+    """Continue the interrupted search in the folder."""
     overwrite: bool = False
     """Replace the plans in the folder."""
 

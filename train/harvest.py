@@ -61,7 +61,7 @@ class Options:
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for tasks.npz; default: runs/harvest- and the robot."""
     resume: bool = False
-    """Go on with the interrupted harvest in the folder."""
+    """Continue the interrupted harvest in the folder."""
     overwrite: bool = False
     """Replace the harvest in the folder."""
 

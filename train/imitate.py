@@ -26,7 +26,7 @@ from snake_env.policies.warm_up import warm_up
 from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder
-from train.validation import Validation, quality
+from train.validation import Validation, quality, told
 
 _PART = 2048  # decisions that a worker collects at a time
 _ROUNDS = ("rounds", "decisions", "overweight")  # how they are collected
@@ -133,9 +133,7 @@ def train(options: Options, console: Console) -> Path:
             folder.write_rows(rows)
             _kept(folder.path, number - 1).unlink(missing_ok=True)
             console.print(
-                f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
-                f"raw {row['raw_success']:.1%} in {row['raw_time_s']:.1f} s, "
-                f"+critic {row['critic_success']:.1%} in {row['critic_time_s']:.1f} s",
+                f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; {told(row)}",
                 soft_wrap=True,
             )
         if finished:

@@ -36,10 +36,10 @@ class Run:
     seed: int = 0
     """Seed of everything random."""
     seeds: int = 1
-    """So many runs, with this seed and the next ones, side by side: their folders end in -s0, -s1, ...,
-    and that of the spread in -seeds."""
+    """Number of runs, with this seed and the next ones, side by side: their folders end in -s0, -s1,
+    ..., and that of the spread in -seeds."""
     resume: bool = False
-    """Go on with the interrupted run in the folder."""
+    """Continue the interrupted run in the folder; where there is none, begin one."""
     overwrite: bool = False
     """Replace the run in the folder."""
 

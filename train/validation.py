@@ -45,6 +45,16 @@ class Validation:
         return figures
 
 
+def told(row: dict[str, Any]) -> str:
+    """A validation in words."""
+    parts = []
+    for label, name in (("raw", "raw"), ("critic", "+critic")):
+        time_s = float(row[f"{label}_time_s"])
+        mean = f" in {time_s:.1f} s" if time_s == time_s else ""  # not a number: nothing was solved
+        parts.append(f"{name} {float(row[f'{label}_success']):.1%}{mean}")
+    return ", ".join(parts)
+
+
 def quality(row: dict[str, Any]) -> tuple[float, float]:
     """By what the best is kept: success of the raw policy, then its time (less is better)."""
     time_s = float(row["raw_time_s"])

@@ -112,7 +112,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     ## Arguments
     | Parameter | Type | Default | Meaning |
     |---|---|---|---|
-    | ``preset`` | str | ``"paper"`` | ``paper``, ``hardware`` or ``narrow`` |
+    | ``preset`` | str | ``"paper"`` | ``paper``, ``hardware``, ``narrow``, ``six`` or ``ten`` |
     | ``mask_level`` | str | ``"instant"`` | ``structural``, ``instant`` or ``lookahead`` |
     | ``on_infeasible`` | str | ``"terminate"`` | or ``reject`` |
     | ``reward_weights`` | dict | ``None`` | replaces weights by name |
