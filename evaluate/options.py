@@ -36,8 +36,8 @@ class Options:
         tyro.conf.arg(metavar="POLICY...", help_behavior_hint=""),
     ]
     """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
-    joints at once, wheels skidding), model files, or folders of runs of train; +shield checks a policy's
-    choices, +critic simulates eight of them; options follow a colon: lookahead:width=16. The others are
+    joints at once, wheels skidding), model files, or folders of runs of train; +shield checks a
+    policy's choices, +critic simulates eight; options follow a colon: lookahead:width=16. The others are
     compared with the first."""
     policy: Factories = ()
     """Your own policy: a module that Python finds, and a factory in it that is called with the
