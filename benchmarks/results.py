@@ -55,8 +55,8 @@ class Evaluation:
 EVALUATIONS = {
     "experiment": Evaluation("paper", "paper-500", ("analytic-14", "lookahead:width=4", "skid")),
     "paper": Evaluation("paper", "test-10k"),
-    "narrow": Evaluation("narrow", "test-2k", ("lookahead:width=4",)),
-    "six": Evaluation("six", "test-2k", ("lookahead:width=4",)),
+    "narrow": Evaluation("narrow", "test-2k"),
+    "six": Evaluation("six", "test-2k"),
     "ten": Evaluation("ten", "test-2k"),
     "hardware": Evaluation("hardware", "test-2k", slip=(0.001, 0.005)),
 }

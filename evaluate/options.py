@@ -37,8 +37,8 @@ class Options:
     ]
     """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
     joints at once, wheels skidding), model files, or folders of runs of train; +shield checks a
-    policy's choices, +critic simulates eight; options follow a colon: lookahead:width=16. The others are
-    compared with the first."""
+    policy's choices, +critic simulates eight; options follow a colon: lookahead:width=16. The first
+    is what the others are compared with."""
     policy: Factories = ()
     """Your own policy: a module that Python finds, and a factory in it that is called with the
     constants; may be repeated."""
