@@ -42,9 +42,11 @@ class TextTable:
     def rich(self, style: box.Box | None = None) -> Table:
         """For the terminal, or in another box."""
         table = Table(padding=(0, 1, 0, 0), box=style)
-        table.add_column(self.columns[0], style="bold", no_wrap=True)
-        for column in self.columns[1:]:
-            table.add_column(column, justify="right")
+        table.add_column(self.columns[0], style="bold", overflow="fold")  # a name may be a path
+        shown = [*filter(None, [self.quoted]), *self.rows]
+        for k, column in enumerate(self.columns[1:], 1):
+            least = max(len(text) for text in (*column.split(), *(row[k] for row in shown)))
+            table.add_column(column, justify="right", min_width=least)
         if self.quoted is not None:
             table.add_row(*self.quoted, style="dim italic")
         for row in self.rows:
