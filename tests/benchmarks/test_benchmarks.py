@@ -1,11 +1,13 @@
 """The benchmarks run: what they print depends on the machine."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks import kernel, training, vector
+from benchmarks import kernel, results, training, vector
+from snake_env.errors import UnknownNameError
 from snake_env.sim.tasks import load_tasks
 from tests.support.robots import PAPER
 
@@ -39,3 +41,20 @@ def test_training__compares_with_the_ceiling(
     told = capsys.readouterr().out
     assert "PPO, 4 robots, hidden (8,)" in told
     assert "ceiling" in told
+
+
+def test_results__are_written_from_the_figures_in_the_documentations_data() -> None:
+    assert results.PAGE.read_text(encoding="utf-8") == results.page()
+    for name in results.EVALUATIONS:
+        file = results.DATA / f"{name}.json"
+        if not file.exists():
+            continue
+        data = json.loads(file.read_text(encoding="utf-8"))
+        for row in data["policies"].values():
+            assert f"{100 * row['success_rate']:.2f}" in results.page() or name == "experiment"
+            assert row["success_rate"] == row["success"] / row["n"]
+
+
+def test_results__refuse_parts_that_do_not_exist() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'narrow'"):
+        results.main(["--run", "--only", "narow"])
