@@ -169,7 +169,7 @@ def _cells(entry: Entry) -> dict[str, Any]:
         "head": number(1000.0 * figures["head_error_m"], 1),
         "skids": entry.name == SKID,
         "rollouts": number(figures["rollouts_per_decision"], 1),
-        "latency": [milliseconds(latency.get(key)) for key in ("p50", "p95", "p99")],
+        "latency": [milliseconds(latency.get(key)) for key in ("p50", "p95")],
     }
 
 
