@@ -26,7 +26,8 @@ from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.policies.search import best_of_each, expand
+from snake_env.policies.one_step import CREEPING
+from snake_env.policies.search import Expansion, best_of_each, expand
 from snake_env.policies.value import PhaseValue, ValueFunction, network_value
 from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.sim.observation import observation_size, observe
@@ -166,7 +167,8 @@ def _wander(
         tree = expand(states.take(noisy), params)
         parent = noisy[tree.parent]
         noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
-        chosen = best_of_each(parent, value(tree.states) - noise)
+        rank = value(tree.states) - noise + _creeping(tree, states.take(noisy))
+        chosen = best_of_each(parent, rank)
         moved = parent[chosen]
         after = slip_batch(tree.states.take(chosen), scales[task[moved]], rng)
         states = states.put(moved, after)
@@ -201,7 +203,7 @@ def _greedy(
         open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
         seen.append(now if trace_decay is not None else tree.states.take(open_))
         said.append(worth[open_])
-        chosen = best_of_each(tree.parent, worth)
+        chosen = best_of_each(tree.parent, worth + _creeping(tree, now))
         moved = playing[tree.parent[chosen]]
         now = slip_batch(tree.states.take(chosen), scales[moved], rng)
         steps.append((playing, moved, worth[chosen]))  # who does not move has deadlocked
@@ -212,6 +214,12 @@ def _greedy(
         said = _lambda_returns(steps, np.where(needed < FAILURE, 0.0, FAILURE), trace_decay)
     observations = np.concatenate([observe(states, params) for states in seen])
     return needed, observations, np.concatenate(said).astype(np.float32)
+
+
+def _creeping(tree: Expansion, before: StateBatch) -> FloatArray:
+    """What keeps a mode that leads nowhere behind all others, as the policies that use the value do."""
+    turn = np.abs(tree.states.phi - before.phi[tree.parent]).max(axis=1, initial=0.0)
+    return np.where(turn < CREEPING, 1e3 * FAILURE, 0.0)
 
 
 def _lambda_returns(

@@ -9,9 +9,11 @@ import torch
 from agents.value import FAILURE, Fit, Play, Returns, fit, play
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
+from snake_env.policies.one_step import ValuePolicy
 from snake_env.policies.search import expand
 from snake_env.policies.value import PhaseValue
 from snake_env.sim.observation import observe
+from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import SnakeState, StateBatch
 
@@ -34,9 +36,10 @@ def _of(returns: Returns, state: SnakeState) -> float | None:
 
 
 def _greedy(state: SnakeState) -> SnakeState | None:
-    """The best end of a state's modes; None in a deadlock."""
-    ends = expand(StateBatch.stack([state]), FIVE).states
-    return ends[int(PhaseValue(FIVE)(ends).argmin())] if len(ends) else None
+    """Where the policy of that value goes, which leaves modes that lead nowhere; None in a deadlock."""
+    mode = ValuePolicy(FIVE, PhaseValue(FIVE)).select_mode(state)
+    after, prediction = advance(state, mode, FIVE)
+    return after if prediction.feasible[0] else None
 
 
 def _needed(state: SnakeState) -> float:
