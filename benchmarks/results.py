@@ -93,8 +93,8 @@ def main(args: list[str] | None = None) -> int:
 def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
     """What ``summary.json`` says of an evaluation, without what no table shows.
 
-    Of the learned policies those are evaluated that ship for the robot. An evaluation that was
-    interrupted continues.
+    Of the learned policies those are evaluated that ship for the robot. An evaluation of a committed
+    revision that was interrupted continues.
     """
     params = SnakeParams.preset(evaluation.preset)
     ships = [
@@ -102,9 +102,11 @@ def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
         for policy in LEARNED
         if any(not params.differences(m.params) for m in shipped(policy.partition("+")[0]))
     ]
-    out = ROOT / "build" / "results" / name
+    source = revision() or "+"
+    out = ROOT / "build" / "results" / source.rstrip("+") / name
+    again = "--overwrite" if source.endswith("+") else "--resume"  # what has changed is run again
     words = ["analytic", *ships, *evaluation.more, "--tasks", evaluation.tasks]
-    words += ["--preset", evaluation.preset, "--no-pictures", "--resume", "--out", str(out)]
+    words += ["--preset", evaluation.preset, "--no-pictures", again, "--out", str(out)]
     if any(evaluation.slip):
         words += ["--slip", *map(str, evaluation.slip)]
     subprocess.run([sys.executable, "-m", "evaluate", *words], cwd=ROOT, check=True)
