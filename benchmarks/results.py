@@ -11,17 +11,16 @@ import json
 import statistics
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from benchmarks.kernel import timed
 from benchmarks.operations import processor
+from benchmarks.vector import native
+from evaluate.table import interval
 from harness.command import exit_code
 from harness.files import read_json, write_atomically
 from harness.folder import writable_folder
@@ -39,6 +38,7 @@ from snake_env.sim.tasks import load_tasks
 ROOT = Path(__file__).parent.parent
 DATA = ROOT / "docs" / "data"
 PAGE, TEMPLATE = ROOT / "docs" / "results.md", "results.md.jinja"
+_SECONDS = 2.0
 LEARNED = ("value", "ppo", "dqn", "imitate+critic", "ppo+critic", "dqn+critic")
 
 
@@ -122,28 +122,10 @@ def speeds() -> dict[str, Any]:
     modes = mode_table(params.n_joints).valid(1)
     found: dict[str, Any] = {"processor": processor(), "bits": vector_bits(), "git": revision()}
     for count in (1, 8, 99):
-        found[f"predict_{count}_us"] = _median_us(
-            functools.partial(predict, state, modes[:count], params)
-        )
-    envs = gymnasium.make_vec("snake_env:SnakeModeSelection-v0", num_envs=512)
-    _, info = envs.reset(seed=0)
-    rng, times = np.random.default_rng(0), []
-    for _ in range(60):
-        actions = np.where(info["action_mask"], rng.random(info["action_mask"].shape), -1.0)
-        began = time.perf_counter()
-        *_, info = envs.step(actions.argmax(axis=1))
-        times.append(time.perf_counter() - began)
-    found["vector_steps_per_s"] = 512 / statistics.median(times)
+        (times,) = timed(functools.partial(predict, state, modes[:count], params), repeats=200)
+        found[f"predict_{count}_us"] = 1e6 * statistics.median(times)
+    found["vector_steps_per_s"] = native(512).run(_SECONDS)
     return found
-
-
-def _median_us(work: Callable[[], object], repeats: int = 200) -> float:
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return 1e6 * statistics.median(times)
 
 
 def page() -> str:
@@ -155,12 +137,15 @@ def page() -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"interval": _interval, "num": _number, "estimate": _estimate}
+    environment.filters |= {"interval": interval, "num": _number, "estimate": _estimate}
     robots = {name: _data(name) for name in EVALUATIONS if name != "experiment"}
     return environment.get_template(TEMPLATE).render(
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
+        revisions=sorted(
+            {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}
+        ),
         against=_against,
     )
 
@@ -177,10 +162,6 @@ def _against(data: dict[str, Any], policy: str) -> dict[str, Any] | None:
 
 def _text(data: dict[str, Any]) -> str:
     return json.dumps(data, indent=1) + "\n"
-
-
-def _interval(bounds: list[float]) -> str:
-    return f"{100 * bounds[0]:.1f}-{100 * bounds[1]:.1f}"
 
 
 def _number(value: float | None, digits: int = 1) -> str:

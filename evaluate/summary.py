@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -56,6 +57,25 @@ def build_summary(
         },
         "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
     }
+
+
+def is_papers(summary: Mapping[str, Any]) -> bool:
+    """Whether the paper's figures compare: its constants, and no slip."""
+    usual = dataclasses.asdict(SnakeParams())
+    return bool(summary["params"] == usual) and not any(summary["slip"])
+
+
+def unusual(summary: Mapping[str, Any]) -> list[str]:
+    """The constants that are not the preset's, and how slippery the ground is."""
+    usual, (metres, radians) = SnakeParams.preset(summary["preset"]), summary["slip"]
+    told = [
+        f"{name}={value}"
+        for name, value in summary["params"].items()
+        if value != getattr(usual, name)
+    ]
+    if metres or radians:
+        told.append(f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval")
+    return told
 
 
 def sentences(summary: Mapping[str, Any]) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,7 +11,7 @@ from rich import box
 from rich.table import Table
 
 from evaluate.statistics import wilson95
-from snake_env.params import SnakeParams
+from evaluate.summary import is_papers, unusual
 
 Format = Literal["text", "md", "latex", "csv"]
 
@@ -39,13 +38,17 @@ class TextTable:
     rows: list[tuple[str, ...]]
     quoted: tuple[str, ...] | None = None
 
+    @property
+    def _shown(self) -> list[tuple[str, ...]]:
+        """All rows in their order."""
+        return [*filter(None, [self.quoted]), *self.rows]
+
     def rich(self, style: box.Box | None = None) -> Table:
         """For the terminal, or in another box."""
         table = Table(padding=(0, 1, 0, 0), box=style)
         table.add_column(self.columns[0], style="bold", overflow="fold")  # a name may be a path
-        shown = [*filter(None, [self.quoted]), *self.rows]
         for k, column in enumerate(self.columns[1:], 1):
-            least = max(len(text) for text in (*column.split(), *(row[k] for row in shown)))
+            least = max(len(text) for text in (*column.split(), *(row[k] for row in self._shown)))
             table.add_column(column, justify="right", min_width=least)
         if self.quoted is not None:
             table.add_row(*self.quoted, style="dim italic")
@@ -55,8 +58,10 @@ class TextTable:
 
     def latex(self) -> str:
         """For a paper, with the rules of booktabs."""
-        rows = [self.columns, *filter(None, [self.quoted]), *self.rows]
-        lines = [" & ".join(text.translate(_LATEX) for text in row) + r" \\" for row in rows]
+        lines = [
+            " & ".join(text.translate(_LATEX) for text in row) + r" \\"
+            for row in (self.columns, *self._shown)
+        ]
         begin = rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
         body = [r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
         return "\n".join([f"% {self.title}", begin, *body, r"\end{tabular}"])
@@ -64,20 +69,19 @@ class TextTable:
     def csv(self) -> str:
         """For a program."""
         text = io.StringIO()
-        rows = [self.columns, *filter(None, [self.quoted]), *self.rows]
-        csv.writer(text, lineterminator="\n").writerows(rows)
+        csv.writer(text, lineterminator="\n").writerows([self.columns, *self._shown])
         return text.getvalue().rstrip("\n")
 
 
 def result_tables(summary: dict[str, Any]) -> list[TextTable]:
     """Success and time of each policy, its motion, and the cost of a decision."""
-    like_paper = summary["params"] == dataclasses.asdict(SnakeParams()) and not any(summary["slip"])
+    like_paper = is_papers(summary)
     policies = summary["policies"].items()
     outcomes = [
         (
             name,
             f"{row['success']}/{row['n']}",
-            _interval(row["wilson95"]),
+            interval(row["wilson95"]),
             *(_number(row["time_s"][key], ".0f") for key in ("min", "median")),
             *(_number(row["time_s"]["mean"], ".1f"), _number(row["time_s"]["max"], ".0f")),
         )
@@ -102,7 +106,7 @@ def result_tables(summary: dict[str, Any]) -> list[TextTable]:
         for name, row in policies
     ]
     quoted = (
-        (_PAPER, "496/500", _interval(wilson95(496, 500)), "27", "-", "-", "180"),
+        (_PAPER, "496/500", interval(wilson95(496, 500)), "27", "-", "-", "180"),
         (_PAPER, "0.18", "<= pi/2", "-", "-", "-"),
         (_PAPER, "<= 99", "-", "<= 150000"),
     )
@@ -125,14 +129,11 @@ def result_tables(summary: dict[str, Any]) -> list[TextTable]:
 
 def _title(summary: dict[str, Any]) -> str:
     """The tasks, the robot, and what is unusual about both."""
-    tasks, (metres, radians) = summary["tasks"], summary["slip"]
-    usual = dataclasses.asdict(SnakeParams.preset(summary["preset"]))
-    changed = [f"{key}={value}" for key, value in summary["params"].items() if value != usual[key]]
+    tasks = summary["tasks"]
     count = f"{tasks['n']:,} task" + ("s" if tasks["n"] != 1 else "")
-    parts = [f"{tasks['name']}: {count}", f"preset {summary['preset']}", *changed]
-    if metres or radians:
-        parts.append(f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval")
-    return ", ".join(parts)
+    return ", ".join(
+        [f"{tasks['name']}: {count}", f"preset {summary['preset']}", *unusual(summary)]
+    )
 
 
 def printed(table: TextTable, form: Format) -> str | Table:
@@ -154,7 +155,8 @@ def failure_lines(summary: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _interval(bounds: Any) -> str:
+def interval(bounds: Any) -> str:
+    """A range of shares, in per cent."""
     low, high = bounds
     return f"{100 * low:.1f}-{100 * high:.1f}"
 

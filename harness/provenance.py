@@ -21,6 +21,11 @@ def begin(program: str, words: Sequence[str]) -> None:
     _words[:] = [program, *words]
 
 
+def arguments() -> list[str]:
+    """The recorded arguments, for a command that others are parts of."""
+    return _words[1:]
+
+
 def command() -> str:
     """The recorded command line, without what has no influence on results.
 

@@ -125,8 +125,7 @@ class StateBatch:
     def __post_init__(self) -> None:
         fields = self.__dict__  # of a frozen class: what object.__setattr__ does, only sooner
         for name in _FIELDS:
-            fields[name] = view = fields[name].view()
-            view.flags.writeable = False
+            fields[name] = read_only(fields[name])
 
     def __reduce__(self) -> tuple[Any, ...]:
         return remade(self)

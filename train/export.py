@@ -20,7 +20,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
 from train.models import SOURCES, TABLE
 from train.records import read_about
-from train.validation import SUITE
+from train.validation import SUITE, in_words
 
 _FILES = ("best.safetensors", "value.safetensors")
 PACKAGE = Path(snake_env.__file__).parent / "pretrained"
@@ -164,13 +164,10 @@ def _validation(made: Mapping[str, Any]) -> str:
         return "none"
     if "stages" in made:
         rows = (
-            f"`{name}` {row['success']}/{row['n']} in {row['time_s'] or float('nan'):.1f} s"
+            f"`{name}` {row['success']}/{row['n']}"
+            + ("" if row["time_s"] is None else f" in {row['time_s']:.1f} s")
             for name, row in found.items()
         )
         return ", ".join(rows) + f" on tasks of `{SUITE}`"
     count = made["config"]["validation_tasks"]
-    return (
-        f"raw {found['raw_success']:.1%} in {found['raw_time_s']:.1f} s, "
-        f"+critic {found['critic_success']:.1%} in {found['critic_time_s']:.1f} s "
-        f"on the first {count:,} of 2,000 tasks of `{SUITE}`"
-    )
+    return f"{in_words(found)} on the first {count:,} of 2,000 tasks of `{SUITE}`"

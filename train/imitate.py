@@ -26,7 +26,7 @@ from snake_env.policies.warm_up import warm_up
 from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder
-from train.validation import Validation, quality, told
+from train.validation import Validation, in_words, quality
 
 _PART = 2048  # decisions that a worker collects at a time
 _ROUNDS = ("rounds", "decisions", "overweight")  # how they are collected
@@ -133,7 +133,8 @@ def train(options: Options, console: Console) -> Path:
             folder.write_rows(rows)
             _kept(folder.path, number - 1).unlink(missing_ok=True)
             console.print(
-                f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; {told(row)}",
+                f"{label}: regret {row['regret']:.3f}, infeasible {row['infeasible']:.2%}; "
+                f"{in_words(row)}",
                 soft_wrap=True,
             )
         if finished:

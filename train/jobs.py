@@ -40,6 +40,11 @@ class Job:
         folder: Path = self.options.run.out
         return folder
 
+    def train(self, console: Console) -> None:
+        """Runs the command here."""
+        module: Any = importlib.import_module(f"train.{self.command}")
+        module.train(self.options, console)
+
     @property
     def log(self) -> Path:
         """What the command says, beside the run's folder."""
@@ -49,10 +54,9 @@ class Job:
 def run(job: Job) -> Path:
     """Runs a command; its folder. A run that is finished is left alone."""
     begin("python -m train", job.words)
-    module: Any = importlib.import_module(f"train.{job.command}")
     job.log.parent.mkdir(parents=True, exist_ok=True)
     with job.log.open("a", encoding="utf-8") as file:
-        module.train(job.options, PlainConsole(file=file, width=100))
+        job.train(PlainConsole(file=file, width=100))
     return job.folder
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from contextlib import closing
@@ -15,7 +16,7 @@ from evaluate.statistics import summarise
 from harness.engine import Engine
 from harness.files import read_json, write_atomically
 from snake_env.envs.slip import Slip
-from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.networks.model_file import read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
 from snake_env.sim.tasks import load_tasks
@@ -55,18 +56,16 @@ def ship(
     """
     models = recipe / "models"
     (models / TABLE).unlink(missing_ok=True)
-    names = []
+    policies = {"analytic": "analytic"}
+    shipped = {}
     for name, source in SOURCES.items():
-        model = read_model(recipe / source)
-        write_model(
-            models / f"{name}.safetensors",
-            Model(model.kind, params, model.network, made, model.critic),
-        )
-        names += [name, f"{name}{CRITIC}"] if model.kind == "policy" else []
-    policies = {"analytic": "analytic", "value": str(models / "value.safetensors")}
-    for name in names:
-        base, plus, critic = name.partition("+")
-        policies[name] = f"{models / base}.safetensors{plus}{critic}"
+        model, file = read_model(recipe / source), models / f"{name}.safetensors"
+        shipped[file] = dataclasses.replace(model, made=made)
+        write_model(file, shipped[file])
+        if model.kind == "policy":
+            policies |= {name: str(file), f"{name}{CRITIC}": f"{file}{CRITIC}"}
+        elif name == "value":
+            policies[name] = str(file)
     suite = load_tasks(SUITE, params)
     shards = [
         Shard(
@@ -94,14 +93,9 @@ def ship(
             "restricted_mean_time_s": found["restricted_mean_time_s"],
             "rollouts_per_decision": found["rollouts_per_decision"],
         }
-    for name in SOURCES:
-        model = read_model(models / f"{name}.safetensors")
-        own = {key: row for key, row in table.items() if key.partition("+")[0] == name}
-        noted = {**model.made, "validation": own}
-        write_model(
-            models / f"{name}.safetensors",
-            Model(model.kind, params, model.network, noted, model.critic),
-        )
+    for file, model in shipped.items():
+        own = {key: row for key, row in table.items() if key.partition("+")[0] == file.stem}
+        write_model(file, dataclasses.replace(model, made={**made, "validation": own}))
     write_atomically(models / TABLE, json.dumps(table, indent=1) + "\n")
 
 

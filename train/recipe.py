@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from rich.console import Console
 
 from harness.engine import Engine
 from harness.folder import Layout
-from harness.provenance import command
+from harness.provenance import arguments, command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError, UnknownNameError
 from train.config import read_yaml, replaced
@@ -24,6 +23,7 @@ from train.ground import Ground
 from train.jobs import Job, side_by_side
 from train.models import comparison, ship
 from train.run import Run, RunFolder
+from train.validation import check_count
 
 RECIPES = Path(__file__).parent.parent / "agents" / "recipes"
 STAGES = {
@@ -70,8 +70,7 @@ def train(options: Options, console: Console) -> Path:
     """
     params = options.robot.params()
     options.engine.check()
-    if not 1 <= options.tasks <= 2000:
-        raise InvalidInputError("tasks", options.tasks, "1 to 2000")
+    check_count("tasks", options.tasks)
     given, expected = _recipe(options.budget)
     asked = {
         "budget": options.budget,
@@ -85,7 +84,8 @@ def train(options: Options, console: Console) -> Path:
     out = options.run.folder(f"{name}-{options.robot.name}")
     stages = {stage: _job(stage, given[stage], options, out) for stage in given}
     for job in stages.values():
-        check(job.options)  # all of them, before there is work to lose
+        # all of them, before there is work to lose; the engine has been checked: it may be far away
+        check(dataclasses.replace(job.options, engine=Engine()))
     with RunFolder(options.run, name, options.robot, asked, LAYOUT) as folder:
         if expected:
             console.print(expected, soft_wrap=True)
@@ -112,8 +112,7 @@ def train(options: Options, console: Console) -> Path:
                 if len(jobs) > 1:
                     side_by_side(jobs, options.engine, console)
                 else:
-                    module: Any = importlib.import_module(f"train.{jobs[0].command}")
-                    module.train(jobs[0].options, console)
+                    jobs[0].train(console)
             minutes = (time.monotonic() - began) / 60.0
             rows.append({"step": str(step), "minutes": f"{minutes:.2f}"})
             folder.write_rows(rows)
@@ -124,15 +123,12 @@ def train(options: Options, console: Console) -> Path:
 
 
 def check(options: Any) -> None:
-    """Raises SnakeEnvError where a value among some options can't be used, or in a group of them.
-
-    The engine is left out: whether a cluster can be reached is found out once.
-    """
+    """Raises SnakeEnvError where a value among some options can't be used, or in a group of them."""
     if hasattr(options, "check"):
         options.check()
     for each in dataclasses.fields(options):
         value = getattr(options, each.name)
-        if dataclasses.is_dataclass(value) and not isinstance(value, Engine):
+        if dataclasses.is_dataclass(value):
             check(value)
 
 
@@ -161,38 +157,19 @@ def _recipe(budget: str) -> tuple[dict[str, dict[str, Any]], str]:
 
 def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -> Job:
     """A stage as a command, with the paths of what it learns from."""
-    value, critic = folder / "value/value.safetensors", folder / "critic/value.safetensors"
-    student, tasks = folder / "imitate/last.safetensors", folder / "harvest/tasks.npz"
+    value, critic = (str(folder / f"{name}/value.safetensors") for name in ("value", "critic"))
+    student, tasks = str(folder / "imitate/last.safetensors"), str(folder / "harvest/tasks.npz")
     paths: dict[str, dict[str, Any]] = {
         "critic": {"init": value, "distil": True},
         "imitate": {"value": value, "critic": critic},
         "harvest": {"policy": student},
-        "ppo": {"init": student, "init_critic": value, "critic": critic, "tasks": str(tasks)},
-        "dqn": {"init": student, "critic": critic, "tasks": str(tasks)},
+        "ppo": {"init": student, "init_critic": value, "critic": critic, "tasks": tasks},
+        "dqn": {"init": student, "critic": critic, "tasks": tasks},
     }
+    own = {"out": str(folder / stage), "seed": options.run.seed, "resume": True}
     name = "value" if stage == "critic" else stage
     module: Any = importlib.import_module(f"train.{name}")
-    own = paths.get(stage, {})
-    required = {"value": own["value"]} if stage == "imitate" else {}
+    begun = module.Options(value=Path(value)) if stage == "imitate" else module.Options()
+    chosen = replaced(begun, {**given, **paths.get(stage, {}), **own})
     shared = {"robot": options.robot, "engine": options.engine, "ground": options.ground}
-    if stage == "harvest":
-        shared |= {"out": folder / stage, "seed": options.run.seed, "resume": True}
-    else:
-        shared["run"] = Run(out=folder / stage, seed=options.run.seed, resume=True)
-    chosen = replaced(module.Options(**required), given)
-    return Job(name, dataclasses.replace(chosen, **_nested(chosen, own), **shared), _words())
-
-
-def _nested(options: Any, paths: Mapping[str, Any]) -> dict[str, Any]:
-    """Values for fields of some options, or of a group among them."""
-    names = {each.name for each in dataclasses.fields(options)}
-    changes = {name: value for name, value in paths.items() if name in names}
-    rest = {name: value for name, value in paths.items() if name not in names}
-    if rest:  # those of the training loop
-        changes["loop"] = dataclasses.replace(options.loop, **rest)
-    return changes
-
-
-def _words() -> list[str]:
-    """The command line, as results name it."""
-    return shlex.split(command())[3:]
+    return Job(name, dataclasses.replace(chosen, **shared), arguments())

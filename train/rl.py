@@ -37,7 +37,7 @@ from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, sa
 from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder
-from train.validation import Validation, quality, told
+from train.validation import Validation, in_words, quality
 from train.watch import Watch, stopping
 
 
@@ -243,8 +243,7 @@ def _restore(learner: Learner, settings: Any, length: int, run: str, path: Path)
 def _line(name: str, row: dict[str, Any]) -> str:
     return (
         f"{name}: {row['timesteps']} decisions, {row['frames_per_s']}/s: "
-        f"{told(row)} "
-        f"with {row['critic_rollouts']:.2f} roll-outs a decision"
+        f"{in_words(row)} with {row['critic_rollouts']:.2f} roll-outs a decision"
     )
 
 

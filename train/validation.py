@@ -12,9 +12,16 @@ from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
-from snake_env.sim.tasks import load_tasks
+from snake_env.sim.tasks import FROZEN, load_tasks
 
 SUITE = "validation-2k"
+
+
+def check_count(field: str, count: int) -> None:
+    """Raises InvalidInputError unless the suite has so many tasks."""
+    most = FROZEN[SUITE][0]
+    if not 1 <= count <= most:
+        raise InvalidInputError(field, count, f"1 to {most}")
 
 
 @dataclass(frozen=True)
@@ -26,8 +33,7 @@ class Validation:
 
     def check(self) -> None:
         """Raises InvalidInputError where the number can't be used."""
-        if not 1 <= self.validation_tasks <= 2000:
-            raise InvalidInputError("validation_tasks", self.validation_tasks, "1 to 2000")
+        check_count("validation_tasks", self.validation_tasks)
 
     def __call__(self, model: Path, params: SnakeParams, slip: Slip = NO_SLIP) -> dict[str, float]:
         """Success rate, mean time and roll-outs per decision, raw and with the critic."""
@@ -45,7 +51,7 @@ class Validation:
         return figures
 
 
-def told(row: dict[str, Any]) -> str:
+def in_words(row: dict[str, Any]) -> str:
     """A validation in words."""
     parts = []
     for label, name in (("raw", "raw"), ("critic", "+critic")):

@@ -18,10 +18,10 @@ def headline(entries: Sequence[Entry], summary: Mapping[str, Any]) -> str:
     comparisons = summary.get("comparisons") or []
     if not comparisons:
         return _alone(entries[0])
-    told = max(comparisons, key=_effect)
+    largest = max(comparisons, key=_effect)
     figures = {entry.name: entry.figures for entry in entries}
-    own, first = (figures[told[who]]["rollouts_per_decision"] for who in ("policy", "reference"))
-    text: str = told["sentence"]
+    own, first = (figures[largest[who]]["rollouts_per_decision"] for who in ("policy", "reference"))
+    text: str = largest["sentence"]
     if own is not None and first is not None:
         text += f", with {number(own)} roll-outs per decision against {number(first)}"
     return f"{text}."
@@ -31,14 +31,6 @@ def findings(summary: Mapping[str, Any]) -> list[str]:
     """All comparisons with the first policy, and what the seeds of a method differ by."""
     seeds = (summary.get("seeds") or {}).values()
     return [f"{entry['sentence']}." for entry in (*(summary.get("comparisons") or []), *seeds)]
-
-
-def ground(slip: Sequence[float]) -> str:
-    """How slippery the floor is; empty where it is not."""
-    metres, radians = slip
-    if not metres and not radians:
-        return ""
-    return f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval"
 
 
 def _effect(comparison: Mapping[str, Any]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from evaluate.protocol import SKID, Row
 from evaluate.report import charts, paper_figures, svg
 from evaluate.report.charts import Entry
 from evaluate.report.episodes import that_choose
-from evaluate.report.findings import findings, ground, headline
+from evaluate.report.findings import findings, headline
 from evaluate.report.formats import (
     constant,
     estimate,
@@ -30,6 +30,7 @@ from evaluate.report.formats import (
 from evaluate.report.motion import motion_of
 from evaluate.report.replays import SIM_1, Replayed, data
 from evaluate.statistics import wilson95
+from evaluate.summary import is_papers, unusual
 from snake_env.params import SnakeParams
 
 _HERE = Path(__file__).parent
@@ -59,7 +60,7 @@ def render(
         for style, name in enumerate(policies)
     ]
     compared = [entry for entry in entries if entry.name != SKID] or entries
-    like_paper = params == SnakeParams() and not any(summary["slip"])
+    like_paper = is_papers(summary)
     replays = data(policies, episodes, params)
     environment = Environment(
         loader=FileSystemLoader(_HERE),
@@ -74,7 +75,7 @@ def render(
         script=Markup("\n").join(_asset(name) for name in _SCRIPTS),
         headline=headline(compared, summary),
         findings=findings(summary),
-        ground=ground(summary["slip"]),
+        unusual=unusual(summary),
         table=[_cells(entry) for entry in entries],
         like_paper=like_paper,
         paper_interval=interval(wilson95(*_PAPER_SUCCESS)),

@@ -65,7 +65,7 @@ def slipped(
         slip: How much they slip; or how much each does, shape (N, 2).
         rngs: N sources of randomness.
     """
-    scales = np.broadcast_to(np.asarray(slip)[..., [0, 0, 1]], w.shape)
+    scales = np.broadcast_to(_of_pose(slip), w.shape)
     if not scales.any():
         return w
     off: FloatArray = w + [rng.normal(0.0, scale) for rng, scale in zip(rngs, scales, strict=True)]
@@ -83,10 +83,8 @@ def slips(slip: Slip, count: int, rng: np.random.Generator) -> FloatArray:
     Returns:
         Standard deviations for an interval, shape (N, 3) [m, m, rad].
     """
-    metres, radians = slip
     shares = rng.uniform(0.0, 2.0, count) if any(slip) else np.zeros(count)
-    scales: FloatArray = shares[:, None] * np.array([metres, metres, radians])
-    return scales
+    return shares[:, None] * _of_pose(slip)
 
 
 def slip_batch(states: StateBatch, scales: FloatArray, rng: np.random.Generator) -> StateBatch:
@@ -100,6 +98,12 @@ def slip_batch(states: StateBatch, scales: FloatArray, rng: np.random.Generator)
     if not scales.any():
         return states
     return dataclasses.replace(states, w=states.w + scales * rng.normal(size=states.w.shape))
+
+
+def _of_pose(slip: Slip | FloatArray) -> FloatArray:
+    """Standard deviations of x, y and heading, (..., 3), from those of place and heading, (..., 2)."""
+    scales: FloatArray = np.asarray(slip, dtype=np.float64)[..., [0, 0, 1]]
+    return scales
 
 
 class Floor:

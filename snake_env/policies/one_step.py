@@ -51,16 +51,17 @@ def best_mode(
         prediction = predict(state, modes, params)
         executable = prediction.feasible & (prediction.d_min >= params.d_touch)
         turn = np.abs(prediction.phi - state.phi).max(axis=1)
-    leads = executable & (turn >= CREEPING)
-    kept = np.flatnonzero(leads if leads.any() else executable)
+    leading = executable & (turn >= CREEPING)
+    leads = bool(leading.any())
+    kept = np.flatnonzero(leading if leads else executable)
     if len(kept) <= 1:
-        return Choice(int(modes[kept[0]]), bool(leads.any())) if len(kept) else None
+        return Choice(int(modes[kept[0]]), leads) if len(kept) else None
     if isinstance(value, NetworkValue):
         worth = value.of_observed(found.observations.take(kept, axis=0), found.reached[kept])
     else:
         before = StateBatch.stack([state]).take(np.zeros(len(kept)))
         worth = value(successors(before, modes[kept], prediction.take(kept), params))
-    return Choice(int(modes[kept[np.argmin(worth)]]), bool(leads.any()))
+    return Choice(int(modes[kept[np.argmin(worth)]]), leads)
 
 
 class ValuePolicy:
@@ -130,6 +131,8 @@ class CriticPolicy:
         creeping = None
         for first, last in ((0, self._k), (self._k, 2 * self._k), (2 * self._k, len(ranked))):
             favourites = ranked[first:last]
+            if len(favourites) == 0:
+                break
             self.rollouts += len(favourites)
             choice = best_mode(state, favourites, self._value, self._params)
             if choice is not None and choice.leads:

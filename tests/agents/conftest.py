@@ -1,14 +1,13 @@
-"""One thread for PyTorch: two come to a standstill where something else runs."""
+"""All tests of agents let PyTorch use one thread."""
 
 from collections.abc import Iterator
 
 import pytest
-import torch
+
+from tests.support.torch_threads import one_thread
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with one_thread():
+        yield

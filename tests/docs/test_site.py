@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,15 +13,9 @@ from typing import Any
 import pytest
 
 from tests.support import ROOT
+from tests.support.browser import chromium, needs_browser
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
-)
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 WIDE = "() => document.documentElement.scrollWidth - innerWidth"
-needs_browser = pytest.mark.skipif(
-    not CHROMIUM, reason="no Chromium is installed (Debian: apt-get install chromium)"
-)
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +34,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 def test_site__fetches_nothing_from_the_network(site: Path) -> None:

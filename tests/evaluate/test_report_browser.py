@@ -1,7 +1,6 @@
 """The report in a browser: a Chromium of the machine's own, driven by playwright."""
 
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,29 +12,21 @@ from evaluate.report import write_report
 from evaluate.report.motion import encode, motion_of
 from snake_env.rendering.drawing import convex_hull, geometry
 from tests.support import ROOT
+from tests.support.browser import chromium, needs_browser
 from tests.support.evaluations import SUITE, rows_of, summary_of
 from tests.support.robots import PAPER, random_state
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
-)
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 POLICIES = ("analytic", "imitate", "random", "skid")
 TIME = "() => Number(document.querySelector('#scrub').value)"
 PIXELS = "side => document.querySelector(`[data-side=${side}] canvas`).toDataURL()"
 
-pytestmark = pytest.mark.skipif(
-    not CHROMIUM, reason="no Chromium is installed (Debian: apt-get install chromium)"
-)
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +130,7 @@ def test_space__plays_and_pauses(opened: Opened) -> None:
     page.wait_for_function(f"() => Number(document.querySelector('#scrub').value) > {stopped}")
     opened.press("End")
     page.wait_for_function("() => !document.querySelector('#play').matches('.playing')")
-    opened.press(" ")  # from the end it begins anew
+    opened.press(" ")  # from the end it starts again
     page.wait_for_function(f"() => {TIME[6:]} < 20")
 
 

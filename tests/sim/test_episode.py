@@ -227,7 +227,7 @@ def test_collision__ends_an_episode_of_a_wide_robot(sim_1: SnakeState) -> None:
 
 
 def test_many_episodes__are_followed_as_one_by_one() -> None:
-    """Five robots, of which every other interval moves only some; one begins anew on the way."""
+    """Five robots, of which every other interval moves only some; one starts again on the way."""
     params = PAPER.replace(horizon=3, track=0.3)
     start = StateBatch.stack([random_state(seed, params, 2 + seed % 3) for seed in range(5)])
     together, states = Episodes(start, params), start

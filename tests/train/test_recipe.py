@@ -24,6 +24,7 @@ from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.sim.tasks import load_tasks
 from tests.support import HANGS_S
+from tests.support.commands import Command
 from train.__main__ import main
 from train.config import parse_with_file
 from train.models import SOURCES
@@ -292,8 +293,5 @@ def test_bad_input__is_one_line_and_leaves_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text(content)
-    assert main(["recipe", *words.split()]) == 2
-    err = capfd.readouterr().err
-    assert hint in err
-    assert err.count("\n") == 1
+    assert hint in Command(main).refusal(capfd, "recipe", *words.split())
     assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]

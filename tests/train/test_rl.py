@@ -27,6 +27,7 @@ from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.observation import observation_size
 from tests.support import HANGS_S
+from tests.support.commands import Command
 from tests.support.models import model_of
 from tests.support.robots import random_state
 from train.__main__ import main
@@ -180,10 +181,7 @@ def test_bad_input__is_one_line_and_leaves_nothing(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(words.split()) == 2
-    err = capfd.readouterr().err
-    assert err.count("\n") == 1
-    assert re.search(hint, err)
+    assert re.search(hint, Command(main).refusal(capfd, *words.split()))
     assert not list(tmp_path.iterdir())
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 import train.value
 from agents.harvest import Trial, play
@@ -27,6 +26,7 @@ from tests.support import ROOT
 from tests.support.commands import QUICK, Command, Interrupted, names, tree
 from tests.support.models import unsure
 from tests.support.robots import PAPER
+from tests.support.torch_threads import one_thread
 from train.__main__ import COMMANDS, main
 
 FIVE = SnakeParams(n_joints=5)
@@ -38,11 +38,8 @@ VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QU
 
 @pytest.fixture(autouse=True, scope="module")
 def _one_thread() -> Iterator[None]:
-    """Two threads of PyTorch come to a standstill where something else runs."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with one_thread():
+        yield
 
 
 # the command line
