@@ -81,10 +81,13 @@ def main(args: list[str] | None = None) -> int:
         for name in options.only:
             if name not in known:
                 raise UnknownNameError("part of the results", name, known)
-        for name in options.only or known:
-            found = speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
-            writable_folder(DATA)
-            write_atomically(DATA / f"{name}.json", _text(found))
+        found = {
+            name: speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
+            for name in options.only or known
+        }
+        writable_folder(DATA)
+        for name, figures in found.items():  # all at once: until then the tree is as committed
+            write_atomically(DATA / f"{name}.json", _text(figures))
     write_atomically(PAGE, page())
     print(PAGE.relative_to(ROOT))
     return 0
