@@ -77,13 +77,13 @@ def evaluate(options: Options) -> int:
     params = options.check()
     if options.out is not None:  # a policy may change the folder that relative paths begin in
         options = dataclasses.replace(options, out=options.out.absolute())
-    for name in options.names:
-        check_policy(name, params, options.slip)
+    models = {name: check_policy(name, params, options.slip) for name in options.names}
     suite = load_tasks(options.tasks, params)
     if options.video:
         check_wish(options.video, suite)
     config = {
         "policies": list(options.names),
+        "models": models,
         "tasks": {"name": suite.name, "n": len(suite), "hash": suite.sha256},
         "preset": options.preset,
         "params": dataclasses.asdict(params),
@@ -139,9 +139,10 @@ def _finished(
     """Says that there is nothing left to run; draws what is asked for and not there."""
     assert options.out is not None
     summary = read_summary(options.out, "resume")
-    there = (summary["command"], summary["tasks"], summary["params"])
-    if there != (options.command, config["tasks"], json.loads(json.dumps(config["params"]))):
-        expected = "work with the same policies, tasks, options and constants (or --overwrite)"
+    same = ("tasks", "params", "models")
+    there = [summary["command"], *(summary[key] for key in same)]
+    if there != [options.command, *(json.loads(json.dumps(config[key])) for key in same)]:
+        expected = "work with the same policies, model files, tasks, options and constants (or --overwrite)"
         raise InvalidInputError("resume", str(options.out), expected)
     rows = read_episodes(options.out, summary, {name: name for name in options.names}, "resume")
     console = _console(options)

@@ -76,12 +76,15 @@ def compare_folders(options: CompareOptions, console: Console) -> int:
     params = SnakeParams().replace(**summaries[first]["params"])
     rows: dict[str, Sequence[Row]] = {}
     latencies: dict[str, Any] = {}
+    models: dict[str, list[str]] = {}
     for folder, names in _names(summaries).items():
         rows |= read_episodes(folder, summaries[folder], names)
         for own, name in names.items():
             latencies[name] = summaries[folder]["policies"][own]["decision_latency_us"]
+            models[name] = summaries[folder]["models"][own]
     command = shlex.join(["python", "-m", "evaluate", "compare", *map(str, options.folders)])
-    summary = build_summary(summaries[first], rows, {}, params, command)
+    config = {**summaries[first], "models": models}
+    summary = build_summary(config, rows, {}, params, command)
     for name, figures in summary["policies"].items():
         figures["decision_latency_us"] = latencies[name]
     if options.out is not None:
@@ -163,6 +166,9 @@ def _check_summary(summary: Any) -> None:
     check_slip(summary["slip"])
     if not summary["policies"]:
         raise ValueError("no policies")
+    for name in summary["policies"]:
+        if not all(type(digest) is str for digest in summary["models"][name]):
+            raise ValueError(f"models of {name} are {summary['models'][name]!r}")
     for figures in summary["policies"].values():
         for key in ("p50", "p95", "p99"):
             value = figures["decision_latency_us"][key]

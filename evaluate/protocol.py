@@ -15,7 +15,7 @@ from snake_env.envs.slip import NO_SLIP, Floor, Slip
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policies.base import Policy
+from snake_env.policies.base import Policy, models_of
 from snake_env.policies.skid import skid
 from snake_env.sim.episode import Episode, EpisodeSummary
 from snake_env.sim.simulation import predict
@@ -68,14 +68,19 @@ class Shard:
     slip: Slip = NO_SLIP
 
 
-def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> None:
-    """Raises what :func:`evaluate.outside.make_policy` would, before any work has been done."""
+def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> list[str]:
+    """Raises what :func:`evaluate.outside.make_policy` would, before any work has been done.
+
+    Returns:
+        SHA-256 of each model file that the policy works with.
+    """
     if name == SKID:
         if any(slip):
             raise InvalidInputError("slip", slip, f"no slip for {SKID}: it has no intervals")
-        return
+        return []
     try:
-        make_policy(name, params)
+        models = models_of(make_policy(name, params))
+        return [model.sha256 for model in models if model.sha256]
     except UnknownNameError as error:
         known = [*error.known, SKID] if error.kind == "policy" else error.known
         raise UnknownNameError(error.kind, error.name, known) from None

@@ -29,7 +29,7 @@ def build_summary(
     """Figures of all policies, and of each against the first.
 
     Args:
-        config: ``tasks``, ``preset``, ``params`` and ``slip`` are told.
+        config: ``tasks``, ``preset``, ``params``, ``slip`` and ``models`` are told.
         rows: Each policy's episodes.
         latencies: Durations of decisions by policy [us], where they were measured.
         params: The constants.
@@ -47,7 +47,7 @@ def build_summary(
         "comparisons": compare_all(results) if results else [],
         "profiles": {name: profile(own) for name, own in results.items()},
         "seeds": seed_entries(results) if results else {},
-        **{key: config[key] for key in ("tasks", "preset", "params", "slip")},
+        **{key: config[key] for key in ("tasks", "preset", "params", "slip", "models")},
         "command": command,
         "git": revision(),
         "versions": {

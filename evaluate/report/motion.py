@@ -17,6 +17,7 @@ from evaluate.protocol import SKID, Row
 from evaluate.replay import replay
 from snake_env.params import SnakeParams
 from snake_env.policies.skid import skid
+from snake_env.sim.episode import STILL
 from snake_env.state import FloatArray, SnakeState
 
 FRAME_EVERY_S = 0.1
@@ -62,6 +63,18 @@ def motion_of(row: Row, state: SnakeState, params: SnakeParams) -> Motion:
             -1, params.n_joints
         ),
     )
+
+
+def until_still(motion: Motion, params: SnakeParams) -> Motion:
+    """What there is to see: the motion up to the first interval after which nothing moves any more."""
+    steps = round(params.delta_t / params.dt)
+    turned = [
+        np.abs(motion.phi[min((k + 1) * steps, len(motion.phi) - 1)] - motion.phi[k * steps]).max()
+        for k in range(len(motion.phases))
+    ]
+    kept = 2 + max((k for k, angle in enumerate(turned) if angle >= STILL), default=-1)
+    end = kept * steps + 1
+    return Motion(motion.phi[:end], motion.w[:end], motion.phases[:kept], motion.lifted[:kept])
 
 
 def _skidding(state: SnakeState, params: SnakeParams) -> Motion:

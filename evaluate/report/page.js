@@ -11,7 +11,7 @@ function playWhenSeen() {
     ([entry]) => {
       if (!entry.isIntersecting) return;
       seen.disconnect();
-      if (!still.matches && player.time === 0) player.play();
+      if (!still.matches && player.time === player.begin) player.play();
     },
     { threshold: 0.35 },
   );

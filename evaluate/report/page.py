@@ -85,6 +85,7 @@ def render(
         charts=_charts(compared, rows, like_paper),
         pairs=_pairs(summary),
         failures=_failures(policies, rows, params),
+        sides=("left", "right") if len(policies) > 1 else ("left",),
         replayed={episode["name"] for episode in replays["episodes"]},
         replays=_json(replays),
         frame_s=replays["robot"]["frame_s"],
@@ -92,6 +93,7 @@ def render(
         any_replay=bool(replays["episodes"]),
         figure_4=[(name, paper_figures.figure_4(name, rows[name], params)) for name in policies],
         figure_5=_figure_5(policies, episodes, params),
+        models=[(name, summary["models"][name]) for name in policies if summary["models"][name]],
         constants=_constants(params),
         today=date.today().isoformat(),
     )
@@ -186,14 +188,17 @@ def _charts(
          charts.success_chart(entries, paper)),
         ("Who is done first", "Share of the tasks solved within a time: higher is better.",
          charts.profile_chart(entries, rows)),
-        ("What a decision costs the model", "Success against model roll-outs per decision.",
-         charts.rollouts_chart(entries)),
     ]  # fmt: skip
-    if any(entry.figures["decision_latency_us"]["p50"] is not None for entry in entries):
-        caption = "Success against the 95th percentile of the time per decision, on this machine."
-        clock = charts.latency_chart(entries, like_paper)
-        made.append(("What a decision costs the clock", caption, clock))
-    if len(entries) > 1:
+    if len(entries) > 1:  # one policy would be one point
+        made.append(("What a decision costs the model",
+                     "Success against model roll-outs per decision.",
+                     charts.rollouts_chart(entries)))  # fmt: skip
+        if any(entry.figures["decision_latency_us"]["p50"] is not None for entry in entries):
+            caption = (
+                "Success against the 95th percentile of the time per decision, on this machine."
+            )
+            clock = charts.latency_chart(entries, like_paper)
+            made.append(("What a decision costs the clock", caption, clock))
         caption = f"Mean time over that of {first}, on the tasks that both solve"
         made.insert(
             1, ("How long it takes", f"{caption}: left is better.", charts.ratio_chart(entries))

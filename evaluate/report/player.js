@@ -2,6 +2,7 @@
 
 const SPEEDS = [0.5, 1, 2, 4, 8];
 const SEEK_S = 1; // what an arrow key is worth
+const LEAD_S = 6; // what is seen before a violation
 
 class Player {
   constructor(element, data) {
@@ -13,8 +14,8 @@ class Player {
     this.speed = 4;
     this.playing = false;
     this.decoded = new Map();
-    this.sides = ["left", "right"].map((name) => {
-      const place = element.querySelector(`[data-side=${name}]`);
+    this.sides = [...element.querySelectorAll("[data-side]")].map((place) => {
+      const name = place.dataset.side;
       return {
         name,
         select: element.querySelector(`#${name}`),
@@ -77,8 +78,12 @@ class Player {
     const episode = this.episodes[this.index];
     this.controls.episode.value = this.index;
     for (const side of this.sides) side.select.value = episode[side.name];
-    this.time = 0;
+    this.time = this.begin = 0;
     this.choose();
+    const violation = this.sides.find(({ run }) => run.violated);
+    if (episode.group !== "Failures" || !violation) return;
+    this.begin = Math.max(0, violation.run.end - LEAD_S);
+    this.seek(this.begin);
   }
 
   /** Takes up the chosen policies' runs; the clock goes on where it is. */
@@ -91,7 +96,7 @@ class Player {
     this.box = boxOf(runs, this.target, this.robot);
     this.controls.scrub.max = this.span;
     for (const { run, outcome, select, traces } of this.sides) {
-      outcome.textContent = `${this.ending(run)}, ${run.end.toFixed(1)} s`;
+      outcome.textContent = this.ending(run);
       outcome.title = run.error;
       outcome.classList.toggle("failed", !run.solved);
       outcome.classList.toggle("neutral", run.skids);
@@ -102,16 +107,25 @@ class Player {
 
   /** How a run ended, in words. */
   ending(run) {
-    let head = "";
+    const parts = [run.skids && run.solved ? "shape reached" : this.outcome(run)];
     if (run.w) {
       const [x, y] = run.at(run.end).w.map((value, k) => value - this.robot.w_d[k]);
       const off = Math.hypot(x, y);
-      head = `, head ${off < 0.1 ? `${(1000 * off).toFixed(1)} mm` : `${off.toFixed(2)} m`} off`;
+      parts.push(`head ${off < 0.1 ? `${(1000 * off).toFixed(1)} mm` : `${off.toFixed(2)} m`} off`);
     }
-    if (run.skids) return (run.solved ? "shape reached" : run.outcome.replace("_", " ")) + head;
-    if (run.solved) return "target reached" + head;
+    return [...parts, `${run.time.toFixed(1)} s`].join(", ");
+  }
+
+  outcome(run) {
+    if (run.solved) return "target reached";
     const phase = run.phases.length ? ` in phase ${run.lastPhase}` : "";
-    return (WHY[run.outcome] ?? run.outcome.replace("_", " ")) + phase + head;
+    if (run.outcome === "joint_limit") {
+      const angles = run.at(run.end).phi.map(Math.abs);
+      return `joint ${1 + angles.indexOf(Math.max(...angles))} passed its limit${phase}`;
+    }
+    const still = run.outcome === "deadlock" && run.end < run.time;
+    const since = still ? `: nothing moves after ${run.end.toFixed(0)} s` : "";
+    return (WHY[run.outcome] ?? run.outcome) + phase + since;
   }
 
   decode(policy) {
@@ -210,9 +224,6 @@ class Player {
 /** Failures in words. */
 const WHY = {
   stability: "tipped over: the centre of gravity left the support polygon",
-  joint_limit: "a joint passed its limit",
   collision: "links touched",
-  deadlock: "deadlock: nothing moves any more",
   horizon: "out of time",
 };
-

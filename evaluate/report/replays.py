@@ -11,7 +11,14 @@ from typing import Any
 from evaluate.protocol import Row, Shard, run_shard
 from evaluate.replay import modes_of, slip_of
 from evaluate.report.episodes import Choice, choose, fastest_other, that_choose
-from evaluate.report.motion import QUANTUM, encode, encode_angles, frame_steps, motion_of
+from evaluate.report.motion import (
+    QUANTUM,
+    encode,
+    encode_angles,
+    frame_steps,
+    motion_of,
+    until_still,
+)
 from snake_env.errors import SnakeEnvError
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite, load_tasks
@@ -66,7 +73,7 @@ def sim_1(
     choice = Choice(
         task=0,
         group="Typical",
-        why="simulation 1 of the paper",
+        why="simulation 1 of the paper, not among these tasks",
         left=choosing[0],
         right=fastest_other(choosing, played, choosing[0]),
     )
@@ -125,5 +132,13 @@ def _episode(policies: Sequence[str], episode: Replayed, params: SnakeParams) ->
 
 
 def _run(row: Row, state: SnakeState, params: SnakeParams) -> dict[str, Any]:
+    motion = motion_of(row, state, params)
+    if row["outcome"] == "deadlock":
+        motion = until_still(motion, params)
     ending = {"outcome": row["outcome"], "phase": row["phase"], "error": row["error"]}
-    return {**ending, "modes": modes_of(row), **encode(motion_of(row, state, params), params)}
+    return {
+        **ending,
+        "time": row["time_s"],
+        "modes": modes_of(row)[: len(motion.phases)],
+        **encode(motion, params),
+    }

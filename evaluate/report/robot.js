@@ -26,6 +26,7 @@ class Run {
   constructor(data, robot) {
     this.robot = robot;
     this.end = data.end;
+    this.time = data.time;
     this.outcome = data.outcome;
     this.error = data.error;
     this.lastPhase = data.phase;
@@ -56,6 +57,7 @@ class Run {
     return {
       phi: Array.from({ length: n }, (_, k) => mix(this.phi, n, k)),
       w: this.w ? [0, 1, 2].map((k) => mix(this.w, 3, k)) : this.robot.w_d,
+      tips: this.outcome === "stability" && time >= this.end, // rounded angles may not show it
     };
   }
 
@@ -71,6 +73,11 @@ class Run {
 
   get solved() {
     return this.outcome === "success";
+  }
+
+  /** Whether a limit was passed, at which such an episode ends at once. */
+  get violated() {
+    return ["stability", "joint_limit", "collision"].includes(this.outcome);
   }
 
   /** Whether it chose no modes and dragged the head along. */
@@ -120,6 +127,14 @@ function convexHull(points) {
     return chain.slice(0, -1);
   };
   return [...half(sorted), ...half(sorted.reverse())];
+}
+
+/** Whether a point lies in a convex hull, its edge included. */
+function isInside([x, y], hull) {
+  return hull.every(([ax, ay], k) => {
+    const [bx, by] = hull[(k + 1) % hull.length];
+    return (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0;
+  });
 }
 
 /** The box [left, bottom, right, top] that the robot never leaves in some runs, with a margin. */
@@ -193,13 +208,14 @@ class RobotView {
     const scp = interval >= 0 ? run.phases[interval] : 0;
     this.ground(width, height);
     this.ghost(geometry(target, this.robot.w_d, this.robot));
-    this.support(body, up);
+    const polygon = this.support(body, up);
     if (scp) this.range(body, scp, target[scp - 1]);
     this.wheels(body, up);
     this.links(body);
     this.joints(body, pose.phi, scp);
     this.head(body);
-    this.gravity(body.gravity);
+    const supported = polygon.length > 2 && isInside(body.gravity, polygon);
+    this.gravity(body.gravity, supported && !pose.tips);
   }
 
   point([x, y]) {
@@ -260,13 +276,16 @@ class RobotView {
     this.stroke(this.colours.target, 1.4, [5, 4]);
   }
 
+  /** Draws the support polygon; its corners. */
   support(body, up) {
     const contacts = body.axles.filter((_, k) => !up[k]).flat();
     if (this.robot.head_contact) contacts.push(body.centres[0]);
-    if (contacts.length < 3) return;
-    this.trace(convexHull(contacts), true);
+    if (contacts.length < 3) return [];
+    const polygon = convexHull(contacts);
+    this.trace(polygon, true);
     this.fill(this.colours.support, 0.28);
     this.stroke(this.colours.support, 1);
+    return polygon;
   }
 
   /** How far the phase's joint may turn the link behind it, and where it shall. */
@@ -329,9 +348,9 @@ class RobotView {
     this.stroke(this.colours.target, 1.4);
   }
 
-  gravity(place) {
+  gravity(place, supported) {
     const [x, y] = this.point(place);
-    this.disc(place, 5.5, this.colours.gravity, this.colours.ink);
+    this.disc(place, 5.5, this.colours[supported ? "gravity" : "lifted"], this.colours.ink);
     this.context.beginPath();
     this.context.moveTo(x - 8.5, y);
     this.context.lineTo(x + 8.5, y);

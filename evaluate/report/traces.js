@@ -70,15 +70,19 @@ class Traces {
     return [start, Math.min(start + this.robot.delta_t, this.run.end)];
   }
 
+  /** Numbers of the phases, the longest first: where there is no room the short ones do without. */
   phases(top) {
-    let free = 0;
     this.text("phase", TRACES.left - 4, top + 7, this.colours.soft);
-    this.run.phases.forEach((phase, k) => {
+    const { phases } = this.run;
+    const starts = phases.map((_, k) => k).filter((k) => phases[k] !== phases[k - 1]);
+    const spans = starts.map((k, which) => [k, (starts[which + 1] ?? phases.length) - k]);
+    const taken = [];
+    for (const [k] of spans.sort((a, b) => b[1] - a[1])) {
       const x = this.x(this.interval(k)[0]);
-      if (phase === this.run.phases[k - 1] || x < free) return;
-      this.text(String(phase), x + 3, top + 7, this.colours.ink, "left");
-      free = x + 14;
-    });
+      if (taken.some((other) => Math.abs(other - x) < 16)) continue;
+      this.text(String(phases[k]), x + 3, top + 7, this.colours.ink, "left");
+      taken.push(x);
+    }
   }
 
   wheels(top) {

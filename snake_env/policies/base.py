@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
+from snake_env.networks.model_file import Model
 from snake_env.state import SnakeState
 
 
@@ -22,6 +23,11 @@ class Policy(Protocol):
 
     def select_mode(self, state: SnakeState) -> int:
         """Index of the mode for the next interval: always one that the phase allows."""
+
+
+def models_of(user: Any) -> tuple[Model, ...]:
+    """The models that a policy or a value function works with, where it has any."""
+    return getattr(user, "models", ())
 
 
 CANDIDATES = 8

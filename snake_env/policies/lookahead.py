@@ -9,6 +9,7 @@ import numpy as np
 
 from snake_env.errors import InvalidInputError, as_finite, as_integer
 from snake_env.params import SnakeParams
+from snake_env.policies.base import models_of
 from snake_env.policies.search import Budget, Plan, search
 from snake_env.policies.value import ValueFunction, load_value
 from snake_env.sim.episode import STILL
@@ -64,6 +65,7 @@ class LookaheadPolicy:
         self.rollouts = 0
         self._optimizer = AnalyticOptimizer(params)
         self._value = load_value(params, transfer=transfer) if value is None else value
+        self.models = models_of(self._value)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:

@@ -24,7 +24,7 @@ class NetworkPolicy:
 
     Attributes:
         rollouts: Always 0.
-        model: Its model.
+        models: Its model.
 
     Args:
         params: The constants.
@@ -38,7 +38,7 @@ class NetworkPolicy:
     def __init__(self, params: SnakeParams, model: Model, transfer: bool = False) -> None:
         model.check(params, "policy", transfer=transfer)
         self.rollouts = 0
-        self.model = model
+        self.models = (model,)
         self._params = params
         self._network = SymmetricNetwork(model.network, params.n_joints)
         self.reset()

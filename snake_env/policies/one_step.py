@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from snake_env.params import SnakeParams
-from snake_env.policies.base import CANDIDATES
+from snake_env.policies.base import CANDIDATES, models_of
 from snake_env.policies.ends import ends
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.value import NetworkValue, ValueFunction, load_value
@@ -83,6 +83,7 @@ class ValuePolicy:
         self.rollouts = 0
         if value is None:
             value = load_value(params, ("value", "lookahead"), transfer)
+        self.models = models_of(value)
         self._value = value
         self._optimizer = AnalyticOptimizer(params)
 
@@ -118,6 +119,7 @@ class CriticPolicy:
         self, policy: NetworkPolicy, value: ValueFunction, params: SnakeParams, k: int = CANDIDATES
     ) -> None:
         self.rollouts = 0
+        self.models = (*policy.models, *models_of(value))
         self._policy, self._value, self._params, self._k = policy, value, params, k
         self._optimizer = AnalyticOptimizer(params)
 

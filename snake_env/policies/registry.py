@@ -210,9 +210,10 @@ def _with_critic(
     number = as_integer(k)
     if number is None or number < 1:
         raise InvalidInputError("k", k, "a positive integer")
-    critic = policy.model.critic
+    [model] = policy.models
+    critic = model.critic
     value: ValueFunction = (
-        NetworkValue(critic, params, transfer) if critic else ActionValue(policy.model, params)
+        NetworkValue(critic, params, transfer) if critic else ActionValue(model, params)
     )
     return CriticPolicy(policy, value, params, number)
 

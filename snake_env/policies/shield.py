@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from snake_env.params import SnakeParams
-from snake_env.policies.base import CANDIDATES, Policy
+from snake_env.policies.base import CANDIDATES, Policy, models_of
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
@@ -24,6 +24,7 @@ class ShieldedPolicy:
     """
 
     def __init__(self, policy: Policy, params: SnakeParams) -> None:
+        self.models = models_of(policy)
         self._policy, self._params = policy, params
         self._optimizer = AnalyticOptimizer(params)
         self._spent = 0

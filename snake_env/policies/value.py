@@ -44,6 +44,9 @@ class PhaseValue:
 class NetworkValue:
     """A trained network, evaluated on each state and its mirror image, or on one of them.
 
+    Attributes:
+        models: Its model.
+
     Args:
         model: Of the kind ``value`` or ``quick-value``.
         params: The constants.
@@ -56,6 +59,7 @@ class NetworkValue:
     def __init__(self, model: Model, params: SnakeParams, transfer: bool = False) -> None:
         quick = model.kind == "quick-value"
         model.check(params, "quick-value" if quick else "value", transfer=transfer)
+        self.models = (model,)
         self._params = params
         asked = CanonicalNetwork if quick else SymmetricNetwork
         self._asked = asked(model.network, params.n_joints)

@@ -293,7 +293,7 @@ def test_p_values__are_corrected_when_there_are_several() -> None:
 @pytest.mark.parametrize("names", [("analytic", "skid", "ppo"), ("skid", "analytic", "ppo")])
 @pytest.mark.parametrize("suffix", ["", " (runs/a)"])
 def test_skid__is_compared_with_nobody(names: tuple[str, ...], suffix: str) -> None:
-    config = {"tasks": {}, "preset": "paper", "params": {}, "slip": [0.0, 0.0]}
+    config = {"tasks": {}, "preset": "paper", "params": {}, "models": {}, "slip": [0.0, 0.0]}
     rows = {name: [row | {"policy": name} for row in rows_of("random")] for name in names}
     rows = {f"{name}{suffix}" if name == "skid" else name: rows[name] for name in names}
     summary = build_summary(config, rows, {}, PAPER, "")
@@ -305,7 +305,7 @@ def test_skid__is_compared_with_nobody(names: tuple[str, ...], suffix: str) -> N
 
 
 def test_skid_alone__has_no_comparisons() -> None:
-    config = {"tasks": {}, "preset": "paper", "params": {}, "slip": [0.0, 0.0]}
+    config = {"tasks": {}, "preset": "paper", "params": {}, "models": {}, "slip": [0.0, 0.0]}
     summary = build_summary(config, {"skid": rows_of("skid")}, {}, PAPER, "")
     assert (summary["comparisons"], summary["profiles"], summary["seeds"]) == ([], {}, {})
 

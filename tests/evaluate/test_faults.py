@@ -111,6 +111,30 @@ def test_finished_run__is_not_another_one(
         assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_results_of_one_model__are_not_resumed_with_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, out, words = tmp_path / "a.safetensors", tmp_path / "out", "--no-pictures --resume"
+    shutil.copy(PPO, model)
+
+    def run(stop: bool) -> int:
+        with pytest.MonkeyPatch.context() as patch:
+            if stop:
+                patch.setattr(command, "build_summary", lambda *a, **more: 1 / 0)
+            return _evaluate(f"{model} --out {out} {words}")
+
+    with pytest.raises(ZeroDivisionError):
+        run(stop=True)
+    assert (out / "episodes.partial.jsonl").exists()
+    shutil.copy(PPO.with_name("imitate.safetensors"), model)
+    assert run(stop=False) == 2
+    assert "resume" in capsys.readouterr().err
+    shutil.copy(PPO, model)
+    assert run(stop=False) == run(stop=False) == 0
+    shutil.copy(PPO.with_name("imitate.safetensors"), model)
+    assert run(stop=False) == 2
+
+
 def test_timeout__holds_while_pictures_are_made(tmp_path: Path) -> None:
     began = time.monotonic()
     words = f"--policy {OTHERS}:OutsideSuite random --decision-timeout 0.5 --video sim-1"

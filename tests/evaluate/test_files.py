@@ -25,6 +25,7 @@ CONFIG: dict[str, Any] = {
     "preset": "paper",
     "params": {name: getattr(PAPER, name) for name in PAPER.__dataclass_fields__},
     "slip": [0.0, 0.0],
+    "models": {"random": []},
 }
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),

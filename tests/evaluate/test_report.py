@@ -1,6 +1,7 @@
 """The report: what the page says, what it replays, and that it survives poor results."""
 
 import base64
+import hashlib
 import json
 import math
 import re
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluate.protocol import Row, Shard, run_shard
+from evaluate.protocol import Row, Shard, check_policy, run_shard
 from evaluate.replay import replay
 from evaluate.report import charts, replays, svg, write_report
 from evaluate.report.episodes import DISAGREEMENTS, FAILURES_EACH, choose
@@ -21,7 +22,9 @@ from evaluate.report.replays import collect
 from evaluate.statistics import summarise, wilson95
 from snake_env.params import SnakeParams
 from snake_env.policies.skid import skid
+from snake_env.sim.episode import STILL
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_suite
+from tests.support import ROOT
 from tests.support.evaluations import SUITE, rows_of, summary_of
 from tests.support.robots import PAPER, row_of
 
@@ -245,6 +248,54 @@ def test_replays__begin_with_what_is_typical(page: str) -> None:
     assert len(names) == len(set(names))
     for episode in episodes:
         assert "skid" not in (POLICIES[episode["left"]], POLICIES[episode["right"]])
+
+
+def test_deadlocks__are_replayed_until_nothing_moves() -> None:
+    rows = {"first-feasible": rows_of("first-feasible")}
+    seen = 0
+    for episode in data_of(page_of(rows))["episodes"]:
+        if episode["name"] == "sim-1":
+            continue
+        row = rows["first-feasible"][task := int(episode["name"].split()[1])]
+        (run,) = episode["runs"]
+        assert (row["outcome"], run["time"]) == ("deadlock", row["time_s"])
+        exact = motion_of(row, SUITE.initial(task, PAPER), PAPER).phi
+        last = round(run["end"] / PAPER.dt)
+        steps = round(PAPER.delta_t / PAPER.dt)
+        assert last % steps == 0
+        assert len(run["modes"]) == len(run["phases"]) == len(run["lifted"]) == last // steps
+        ends = exact[::steps]
+        turned = np.abs(np.diff(ends, axis=0)).max(axis=1)
+        assert (
+            turned[last // steps - 1 :] < STILL
+        ).all()  # its last interval, and what is left out
+        assert last == 0 or len(turned) > last // steps
+        assert last == steps or turned[last // steps - 2] >= STILL
+        seen += 1
+    assert seen >= 4
+
+
+def test_one_policy__has_one_wide_replay_and_no_chart_of_a_single_point() -> None:
+    page = page_of({"analytic": rows_of("analytic")})
+    assert page.count('data-side="') == page.count('data-traces="') == 1
+    assert 'class="sides single"' in page
+    assert "What a decision costs" not in page
+    assert "Two policies" not in page
+    both = page_of({name: rows_of(name) for name in ("analytic", "random")})
+    assert both.count('data-side="') == both.count('data-traces="') == 2
+    assert "What a decision costs the model" in both
+
+
+def test_models__are_told_by_the_hashes_of_their_files() -> None:
+    rows = {"analytic": rows_of("analytic"), "ppo+critic": rows_of("ppo+critic")}
+    digests = check_policy("ppo+critic", PAPER)
+    folder = ROOT / "snake_env" / "pretrained"
+    files = [folder / "ppo.safetensors", folder / "value.safetensors"]
+    assert digests == [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+    assert check_policy("analytic", PAPER) == check_policy("skid", PAPER) == []
+    page = page_of(rows, models={"analytic": [], "ppo+critic": digests})
+    assert all(page.count(digest) == 1 for digest in digests)
+    assert "SHA-256" not in page_of({"analytic": rows_of("analytic")})
 
 
 def test_policies__that_are_gone_leave_simulation_1_out() -> None:

@@ -138,7 +138,7 @@ def test_episodes__are_switched(opened: Opened) -> None:
     page = opened.page
     names = page.eval_on_selector_all("#episode option", "all => all.map(one => one.text)")
     groups = page.eval_on_selector_all("#episode optgroup", "all => all.map(one => one.label)")
-    assert names[0] == "sim-1: simulation 1 of the paper"
+    assert names[0] == "sim-1: simulation 1 of the paper, not among these tasks"
     assert groups[0] == "Typical"
     shown = [page.eval_on_selector("#episode", "list => list.selectedIndex")]
     before = opened.pixels()
@@ -193,6 +193,59 @@ def test_failures__lead_to_their_replays(opened: Opened) -> None:
     chosen = page.eval_on_selector("#episode", "list => list.selectedOptions[0].text")
     assert chosen.startswith(f"{name}: ")
     assert page.evaluate("document.activeElement.id") == "player"
+
+
+def test_failures__are_shown_from_shortly_before_the_violation(opened: Opened) -> None:
+    page = opened.page
+    words = {
+        "stability": r"tipped over: the centre of gravity left the support polygon in phase \d, ",
+        "joint limit": r"joint \d passed its limit in phase \d, ",
+    }
+    seen = set()
+    texts = page.eval_on_selector_all("#episode option", "all => all.map(one => one.text)")
+    for index, text in enumerate(texts):
+        cause = next((cause for cause in words if f"random: {cause} in phase" in text), None)
+        if cause is None:
+            continue
+        page.select_option("#episode", index=index)
+        page.select_option("#left", "2")
+        ending = page.inner_text("[data-side=left] .outcome")
+        assert re.match(words[cause], ending)
+        end = float(ending.split()[-2])
+        begun = opened.time()
+        assert begun == pytest.approx(max(0.0, end - 6.0), abs=0.11)
+        before = opened.pixels()
+        page.fill("#scrub", str(end + 0.1))
+        assert opened.pixels() != before
+        seen.add(cause)
+    assert "stability" in seen
+
+
+def test_centre_of_gravity__is_red_where_nothing_supports_it(browser: Any) -> None:
+    script = (ROOT / "evaluate" / "report" / "robot.js").read_text()
+    robot = {"n_joints": 8, "l": PAPER.l, "track": PAPER.track, "head_contact": True}
+    robot |= {"phi_limit": PAPER.phi_limit, "w_d": list(PAPER.w_d)}
+    call = """([robot, lifted, tips]) => {
+      const canvas = document.body.appendChild(document.createElement("canvas"));
+      const view = new RobotView(canvas, robot);
+      let colour;
+      view.disc = (place, radius, inside) => (colour = inside); // the last one is the centre's
+      const run = { phases: [1], isLifted: (_, wheel) => lifted.includes(wheel) };
+      const pose = { phi: Array(8).fill(0), w: robot.w_d, tips };
+      const colours = { gravity: "orange", lifted: "red" };
+      view.draw(run, pose, 0, Array(8).fill(0.1), [-1, -1, 2, 1], colours);
+      return colour;
+    }"""
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.add_script_tag(content=script)
+        for lifted, tips, colour in (
+            ([1, 2, 3], False, "orange"),
+            ([4, 5, 6, 7, 8], False, "red"),  # the rear half hangs in the air
+            ([1, 2, 3], True, "red"),
+            (list(range(1, 9)), False, "red"),  # no polygon at all
+        ):
+            assert page.evaluate(call, [robot, lifted, tips]) == colour, (lifted, tips)
 
 
 def test_tab__reaches_every_control_and_shows_where_it_is(opened: Opened) -> None:

@@ -288,7 +288,7 @@ def test_shipped_policies__use_the_value_network_of_their_robot(preset: str) -> 
         told = plus_critic(state, ranked, value, params, 4)
         assert policy.select_mode(state) == told.mode
     assert isinstance(policy, CriticPolicy)
-    critic = policy._policy.model.critic
+    critic = policy._policy.models[0].critic
     assert critic is not None
     assert critic.sha256 == given.sha256
 

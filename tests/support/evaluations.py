@@ -31,6 +31,7 @@ def summary_of(
         "tasks": {"name": "random:6:3", "n": len(next(iter(rows.values())))},
         "preset": "paper",
         "slip": [0.0, 0.0],
+        "models": {name: [] for name in rows},
         "params": params.__dict__,
         "command": "python -m evaluate <here> & there",
         "versions": {"snake-mode-env": "0.1.0", "python": "3.11"},
