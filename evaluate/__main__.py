@@ -142,7 +142,8 @@ def _finished(
     same = ("tasks", "params", "models")
     there = [summary["command"], *(summary[key] for key in same)]
     if there != [options.command, *(json.loads(json.dumps(config[key])) for key in same)]:
-        expected = "work with the same policies, model files, tasks, options and constants (or --overwrite)"
+        same_work = "work with the same policies, model files, tasks, options and constants"
+        expected = f"{same_work} (or --overwrite)"
         raise InvalidInputError("resume", str(options.out), expected)
     rows = read_episodes(options.out, summary, {name: name for name in options.names}, "resume")
     console = _console(options)

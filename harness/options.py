@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import inspect
 import io
 import re
 from collections.abc import Sequence
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar, get_type_hints
 
+import docstring_parser
 import tyro
 
 from snake_env.errors import SnakeEnvError
@@ -40,6 +42,7 @@ def parse(
     Raises:
         OptionError: An option does not exist or its value has the wrong type.
     """
+    _join_lines(options)
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -60,6 +63,20 @@ def parse(
         told = [line for line in lines if line and line[0] not in "\u256d\u2570\u2500"]
         words = [line for line in told if not line.startswith("For full helptext")]
         raise OptionError(" ".join(words) + f" (see {prog} --help)") from None
+
+
+def _join_lines(options: Any) -> None:
+    """Puts each option's help on one line: tyro keeps most line breaks of docstrings under fields."""
+    helps = {
+        each.arg_name: " ".join((each.description or "").split())
+        for each in docstring_parser.parse_from_object(options).params
+    }
+    hints = get_type_hints(options)
+    for each in dataclasses.fields(options):
+        if dataclasses.is_dataclass(hints[each.name]):
+            _join_lines(hints[each.name])
+        elif each.name in helps:
+            each.metadata = {**each.metadata, "help": helps[each.name]}  # type: ignore[assignment]
 
 
 class OptionError(SnakeEnvError):
