@@ -17,7 +17,7 @@ from torch import nn
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.labels import WORST as FLOOR
 from agents.learner import Learner
-from agents.mlp import falling, linear_layers, scaled
+from agents.mlp import falling, linear_layers
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
@@ -172,12 +172,12 @@ class DQNLearner(Learner):
 
     def begin(self, preferences: Network) -> None:
         """Gives the action values a network's preferences, and keeps them as the anchor."""
-        self._load(scaled(preferences, PREFERENCE))
+        self._load(preferences.scaled(PREFERENCE))
         self._drop_anchor()
 
     def network(self) -> Network:
         """The action values as preferences."""
-        return scaled(self._averaged(), 1.0 / PREFERENCE)
+        return self._averaged().scaled(1.0 / PREFERENCE)
 
     def critic(self, params: SnakeParams) -> None:
         """None: a state is worth its best action value."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, WORST, Decisions
-from agents.mlp import batches, build, from_numpy, linear_layers, scaled, to_numpy
+from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
@@ -136,7 +136,7 @@ def fit(
     module = (
         build([observation_size(n_joints), *how.hidden, len(mode_table(n_joints))])
         if network is None
-        else from_numpy(scaled(network, PREFERENCE))
+        else from_numpy(network.scaled(PREFERENCE))
     )
     symmetric = Symmetric(module).to(how.device)
     x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
@@ -164,7 +164,7 @@ def fit(
         "regret": float((preferred * (1.0 - broken)).mean()),
         "infeasible": float(broken.mean()),
     }
-    return scaled(to_numpy(linear_layers(module), how.learning_rate), 1.0 / PREFERENCE), figures
+    return to_numpy(linear_layers(module), how.learning_rate).scaled(1.0 / PREFERENCE), figures
 
 
 def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:

@@ -5,20 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-import numpy as np
 import torch
 from torch import nn
 
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.networks.model_file import LARGEST_OUTPUT
 from snake_env.networks.network import Network
-
-
-def scaled(network: Network, factor: float) -> Network:
-    """A network whose outputs are so many times as large."""
-    *weights, last = network.weights
-    *biases, offset = network.biases
-    return Network([*weights, last * np.float32(factor)], [*biases, offset * np.float32(factor)])
+from snake_env.sb3.model_writer import network_of
 
 
 def build(sizes: Sequence[int]) -> nn.Sequential:
@@ -63,13 +56,7 @@ def to_numpy(layers: Sequence[nn.Linear], learning_rate: float | None = None) ->
     for layer in layers:
         if not all(torch.isfinite(part).all() for part in (layer.weight, layer.bias)):
             raise DivergedError(learning_rate)
-    network = Network(
-        weights=[
-            np.ascontiguousarray(layer.weight.detach().cpu().numpy().T, dtype=np.float32)
-            for layer in layers
-        ],
-        biases=[layer.bias.detach().cpu().numpy().astype(np.float32).copy() for layer in layers],
-    )
+    network = network_of(layers)
     if not network.largest_output() <= LARGEST_OUTPUT:
         raise DivergedError(learning_rate)
     return network

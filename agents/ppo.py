@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -13,12 +12,13 @@ from torch import nn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.learner import Learner
-from agents.mlp import falling, linear_layers, load_weights, scaled, to_numpy
+from agents.mlp import falling, linear_layers, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
+from snake_env.sb3.model_writer import in_intervals
 
 SHARPNESS = 3.0
 """Multiplies the preferences that the actor begins with. A student's own are those of a soft maximum:
@@ -125,11 +125,11 @@ class PPOLearner(Learner):
 
     def begin(self, preferences: Network) -> None:
         """Gives the actor a network's preferences, sharper: see :data:`SHARPNESS`."""
-        self._load(scaled(preferences, SHARPNESS))
+        self._load(preferences.scaled(SHARPNESS))
 
     def begin_critic(self, value: Network) -> None:
         """Gives the critic a value network's weights, from intervals into reward."""
-        load_weights(self._critic, scaled(value, self._reward.time))
+        load_weights(self._critic, value.scaled(self._reward.time))
         with torch.no_grad():
             self._critic[-1].bias.add_(self._reward.success)
 
@@ -139,10 +139,8 @@ class PPOLearner(Learner):
 
     def critic(self, params: SnakeParams) -> Model:
         """PPO's critic, from reward into intervals."""
-        learned = scaled(to_numpy(self._critic, self._learning_rate), 1.0 / self._reward.time)
-        *biases, last = learned.biases
-        offset = np.float32(self._reward.success / self._reward.time)
-        return Model("value", params, Network(learned.weights, [*biases, last - offset]))
+        learned = to_numpy(self._critic, self._learning_rate)
+        return Model("value", params, in_intervals(learned, self._reward))
 
     def _round(self, callback: BaseCallback) -> None:
         model = self.model

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Kind, Model, read_model
 from snake_env.params import SnakeParams
 
@@ -12,10 +13,14 @@ def read_checked(file: Path, params: SnakeParams, kind: Kind, *, transfer: bool)
     """A model of a kind, for a robot.
 
     Raises:
-        InvalidInputError: It is of another kind, or for other constants.
+        InvalidInputError: It is of another kind, for other constants, or no network as those that are
+            trained here.
     """
     model = read_model(file)
     model.check(params, kind, transfer=transfer)
+    if not model.symmetric or model.network.activation != "relu":
+        expected = "a model of python -m train: with ReLU, and asked about mirror images"
+        raise InvalidInputError("model", str(file), expected)
     return model
 
 

@@ -70,13 +70,19 @@ class EnvOptions:
         if on_infeasible not in get_args(OnInfeasible):
             raise UnknownNameError("on_infeasible", on_infeasible, get_args(OnInfeasible))
         suite = None if task_suite is None else load_tasks(task_suite, constants)
-        weights = _checked_weights({} if reward_weights is None else reward_weights)
+        weights = checked_weights({} if reward_weights is None else reward_weights)
         return cls(
             constants, mask_level, on_infeasible, weights, check_slip(slip), suite, no_repeat
         )
 
 
-def _checked_weights(given: Any) -> RewardWeights:
+def checked_weights(given: Any) -> RewardWeights:
+    """The weights of the reward's terms, of which some are given by name.
+
+    Raises:
+        UnknownNameError: A term does not exist.
+        InvalidInputError: A weight is no finite number.
+    """
     if not isinstance(given, Mapping):
         raise InvalidInputError("reward_weights", given, "a dict of weights by name")
     known = [field.name for field in dataclasses.fields(RewardWeights)]

@@ -19,12 +19,13 @@ from safetensors.numpy import load, save
 
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.modes import mode_table
-from snake_env.networks.network import Network
+from snake_env.networks.network import ACTIVATIONS, Network
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
 
 SCHEMA = 2
 _CRITIC = "critic."
+_PLAIN = {"network": None, "activation": "relu", "symmetric": True}  # where a file says nothing
 LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
@@ -37,8 +38,8 @@ with what another one has learned."""
 Kind = Literal["value", "quick-value", "policy"]
 """What the outputs are: the intervals that a state still needs, or a preference for each mode.
 
-Networks are evaluated on a state and its mirror image, and the mean counts; a ``quick-value`` is
-evaluated on one of them."""
+Networks are evaluated on a state and its mirror image, and the mean counts, unless a model says that
+its network is not ``symmetric``; a ``quick-value`` is evaluated on one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,8 @@ class Model:
         made: How it was made and what it is good for, as the manifest tells it.
         critic: A value network for the same robot, which ranks what the policy's favourites lead to; a
             model of the kind ``value`` or ``quick-value``, or None.
+        symmetric: Whether the mean of its network's answers about a state and its mirror image counts,
+            or the answer about the state alone. A ``quick-value`` has one answer.
         sha256: Of its file; empty where it has none.
     """
 
@@ -60,6 +63,7 @@ class Model:
     network: Network
     made: Mapping[str, Any] = field(default_factory=dict)
     critic: Model | None = None
+    symmetric: bool = True
     sha256: str = ""
 
     def check(self, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> None:
@@ -98,14 +102,13 @@ def write_model(path: Path, model: Model) -> None:
         tensors |= {_CRITIC + name: t for name, t in _tensors(model.critic.network).items()}
     manifest = {
         "schema": SCHEMA,
-        "kind": model.kind,
+        **_about(model),
         "params": dataclasses.asdict(model.params),
         "observation": [list(row) for row in observation_rows(model.params.n_joints)],
-        "network": model.network.sizes,
         "made": dict(model.made),
     }
     if model.critic is not None:
-        manifest["critic"] = {"kind": model.critic.kind, "network": model.critic.network.sizes}
+        manifest["critic"] = _about(model.critic)
     manifest = json.loads(json.dumps(manifest))  # as it will be read
     manifest["sha256"] = _digest(manifest, _split(save(tensors))[1])
     # one key: with more of them their order would be random, and so would the file's bytes
@@ -140,6 +143,7 @@ def read_model(path: Path) -> Model:
         raise _bad(path, f"a safetensors file ({error})") from None
     if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
         raise _bad(path, "the file as it was written (its sha256 differs)")
+    manifest = {**_PLAIN, **manifest}
     params = _read_params(path, manifest["params"])
     own = {name: t for name, t in tensors.items() if not name.startswith(_CRITIC)}
     others = {name.removeprefix(_CRITIC): t for name, t in tensors.items() if name not in own}
@@ -148,12 +152,31 @@ def read_model(path: Path) -> Model:
     if manifest["kind"] == "policy" and (about := manifest.get("critic")) is not None:
         if not isinstance(about, dict) or about.get("kind") not in ("value", "quick-value"):
             raise _bad(path, "a critic of the kind value or quick-value")
-        as_its_own = {**manifest, "kind": about["kind"], "network": about.get("network")}
-        critic = Model(about["kind"], params, _read_network(path, as_its_own, params, others))
+        as_its_own = {**_PLAIN, **about, "observation": manifest.get("observation")}
+        network_of_critic = _read_network(path, as_its_own, params, others)
+        symmetric = _read_symmetric(path, as_its_own)
+        critic = Model(about["kind"], params, network_of_critic, symmetric=symmetric)
     elif others:
         raise _bad(path, "no tensors of a critic")
-    file_sha256 = hashlib.sha256(data).hexdigest()
-    return Model(manifest["kind"], params, network, manifest["made"], critic, file_sha256)
+    return Model(
+        manifest["kind"],
+        params,
+        network,
+        manifest["made"],
+        critic,
+        _read_symmetric(path, manifest),
+        sha256=hashlib.sha256(data).hexdigest(),
+    )
+
+
+def _about(model: Model) -> dict[str, Any]:
+    """What a manifest tells about a network."""
+    return {
+        "kind": model.kind,
+        "network": model.network.sizes,
+        "activation": model.network.activation,
+        "symmetric": model.symmetric,
+    }
 
 
 def _tensors(network: Network) -> dict[str, Any]:
@@ -229,13 +252,24 @@ def _read_network(
         raise _bad(path, f"tensors of these shapes: {wanted}")
     if any(t.dtype != np.float32 for t in tensors.values()):
         raise _bad(path, "finite float32 numbers")
+    activation = manifest["activation"]
+    if activation not in ACTIVATIONS:
+        raise _bad(path, f"activation {' or '.join(ACTIVATIONS)}")
     network = Network(
+        activation=activation,
         weights=[tensors[f"weight.{k}"] for k in range(layers)],
         biases=[tensors[f"bias.{k}"] for k in range(layers)],
     )
     if not network.largest_output() <= LARGEST_OUTPUT:  # nor is NaN
         raise _bad(path, "finite float32 numbers, of a size that a network can work with")
     return network
+
+
+def _read_symmetric(path: Path, manifest: dict[str, Any]) -> bool:
+    symmetric: bool = manifest["symmetric"]
+    if type(symmetric) is not bool or not (symmetric or manifest["kind"] != "quick-value"):
+        raise _bad(path, "symmetric: true, or but for a quick-value false")
+    return symmetric
 
 
 def _bad(path: Path, expected: str) -> InvalidInputError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,23 @@ from numpy.typing import NDArray
 from snake_env.state import read_only, remade
 
 Float32Array = NDArray[np.float32]
+Activation = Literal["relu", "tanh"]
+ACTIVATIONS: tuple[Activation, ...] = get_args(Activation)
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Linear layers with ReLU between them. The arrays are read-only.
+    """Linear layers with an activation function between them. The arrays are read-only.
 
     Attributes:
         weights: One matrix for each layer, shape (inputs, outputs).
         biases: One vector for each layer, shape (outputs,).
+        activation: The function.
     """
 
     weights: Sequence[Float32Array]
     biases: Sequence[Float32Array]
+    activation: Activation = "relu"
 
     def __post_init__(self) -> None:
         for name in ("weights", "biases"):
@@ -38,8 +42,22 @@ class Network:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = x @ weight
             x += bias
-            np.maximum(x, 0.0, out=x)
+            self.activate(x)
         return x @ self.weights[-1] + self.biases[-1]
+
+    def activate(self, x: Float32Array) -> None:
+        """Replaces the outputs of a layer by what the next one is given."""
+        if self.activation == "relu":
+            np.maximum(x, 0.0, out=x)
+        else:
+            np.tanh(x, out=x)
+
+    def scaled(self, factor: float) -> Network:
+        """The network whose outputs are so many times as large."""
+        *weights, last = self.weights
+        *biases, offset = self.biases
+        number = np.float32(factor)
+        return Network([*weights, last * number], [*biases, offset * number], self.activation)
 
     @property
     def sizes(self) -> list[int]:

@@ -6,6 +6,7 @@ is asked about both errs less; one that is asked about the same one of them alwa
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -89,6 +90,7 @@ class SymmetricNetwork:
         first = network.weights[0]
         self._first = np.concatenate([first, _for_images(first, n_joints)], axis=1)
         self._first_bias = np.concatenate([network.biases[0]] * 2)
+        self._activate = network.activate
         self._rest = list(zip(network.weights[1:], network.biases[1:], strict=True))
 
     def __call__(self, observations: Float32Array) -> Float32Array:
@@ -97,12 +99,17 @@ class SymmetricNetwork:
         x += self._first_bias
         x = x.reshape(2 * len(observations), x.shape[1] // 2)  # each state, then its image
         for weight, bias in self._rest:
-            np.maximum(x, 0.0, out=x)
+            self._activate(x)
             x = _product(x, weight)
             x += bias
         result: Float32Array = x[0::2] + x[1::2]
         result *= 0.5
         return result
+
+
+def asked(network: Network, n_joints: int, symmetric: bool) -> SymmetricNetwork | Network:
+    """A network that is asked about states and their mirror images, or as it is."""
+    return SymmetricNetwork(network, n_joints) if symmetric else network
 
 
 class CanonicalNetwork:
@@ -117,7 +124,7 @@ class CanonicalNetwork:
         first = _for_images(network.weights[0], n_joints)
         self._telling = telling(len(first))
         self._of_canonical = network
-        self._of_images = Network([first, *network.weights[1:]], network.biases)
+        self._of_images = dataclasses.replace(network, weights=[first, *network.weights[1:]])
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""

@@ -1,6 +1,7 @@
 """Learned policies: one evaluation of a network for a decision, and no model roll-out.
 
-The network sees the state and its mirror image, side by side; what it prefers is the mean.
+The network sees the state and its mirror image, side by side, and what it prefers is the mean; others
+see the state alone.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.networks.model_file import Model
-from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.networks.symmetry import asked
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import STILL
 from snake_env.sim.observation import observe_one
@@ -40,7 +41,7 @@ class NetworkPolicy:
         self.rollouts = 0
         self.models = (model,)
         self._params = params
-        self._network = SymmetricNetwork(model.network, params.n_joints)
+        self._network = asked(model.network, params.n_joints, model.symmetric)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:

@@ -180,8 +180,8 @@ def load_policy(
         make, title = functools.partial(_of_file, _of_run(Path(base))), "a model file"
     elif base.endswith(".zip"):
         expected = (
-            "a model file (.safetensors). A model of Stable-Baselines3 needs an adapter, "
-            "as in examples/sb3_model.py: --policy examples.sb3_model:SavedModel"
+            "a model file (.safetensors): snake_env.sb3.write_sb3_model makes one of a model of "
+            "Stable-Baselines3. Or give an adapter: --policy examples.sb3_model:SavedModel"
         )
         raise InvalidInputError("policy", base, expected)
     else:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from snake_env.envs.reward import RewardWeights, potential
 from snake_env.networks.model_file import PREFERENCE, Model, read_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork
+from snake_env.networks.symmetry import CanonicalNetwork, asked
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
@@ -61,8 +61,12 @@ class NetworkValue:
         model.check(params, "quick-value" if quick else "value", transfer=transfer)
         self.models = (model,)
         self._params = params
-        asked = CanonicalNetwork if quick else SymmetricNetwork
-        self._asked = asked(model.network, params.n_joints)
+        n = params.n_joints
+        self._asked = (
+            CanonicalNetwork(model.network, n)
+            if quick
+            else asked(model.network, n, model.symmetric)
+        )
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
@@ -94,7 +98,7 @@ class ActionValue:
 
     def __init__(self, model: Model, params: SnakeParams) -> None:
         self._params = params
-        self._network = SymmetricNetwork(model.network, params.n_joints)
+        self._network = asked(model.network, params.n_joints, model.symmetric)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The return of the best mode, in intervals."""

@@ -15,6 +15,7 @@ from snake_env.sb3.masked import (
     MaskedDQNPolicy,
     ObservationExtractor,
 )
+from snake_env.sb3.model_writer import write_sb3_model
 from snake_env.sb3.vec_env import SnakeVecEnv
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "MaskedDQNPolicy",
     "ObservationExtractor",
     "SnakeVecEnv",
+    "write_sb3_model",
 ]

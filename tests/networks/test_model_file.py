@@ -24,11 +24,13 @@ from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks import model_file
 from snake_env.networks.model_file import Model, _digest, _split, read_model, write_model
-from snake_env.networks.network import Network
+from snake_env.networks.network import Activation, Network
+from snake_env.networks.symmetry import mirror
 from snake_env.params import SnakeParams
-from snake_env.sim.observation import observation_size
+from snake_env.policies.network_policy import NetworkPolicy
+from snake_env.sim.observation import observation_size, observe
 from tests.support import ROOT
-from tests.support.robots import PAPER
+from tests.support.robots import PAPER, random_state
 
 MADE = {"command": "python -m train value", "generation": 3, "note": "\u00e9 and \u2028"}
 SIZES = [observation_size(8), 6, 5, 1]
@@ -159,6 +161,40 @@ def test_check__accepts_robots_of_as_many_joints_only() -> None:
     for transfer in (False, True):
         with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5, as the model was"):
             model.check(PAPER, model.kind, transfer=transfer)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_kinds_of_networks__are_read_as_they_were_written(
+    tmp_path: Path, activation: Activation, symmetric: bool
+) -> None:
+    path = tmp_path / "a.safetensors"
+    network = dataclasses.replace(_model("policy").network, activation=activation)
+    critic = dataclasses.replace(_model("value"), symmetric=not symmetric)
+    model = Model("policy", PAPER, network, MADE, critic, symmetric)
+    write_model(path, model)
+    again = read_model(path)
+    assert (again.network.activation, again.symmetric) == (activation, symmetric)
+    assert again.critic is not None
+    assert (again.critic.network.activation, again.critic.symmetric) == ("relu", not symmetric)
+    state = random_state(1, PAPER)
+    seen = observe(state, PAPER)
+    ranked = NetworkPolicy(PAPER, again).ranking(state)
+    order, sign = mirror(8)
+    answers = network(seen)
+    if symmetric:
+        answers = 0.5 * (answers + network(seen[order] * sign))
+    wanted = ranked[np.argsort(-answers[ranked], kind="stable")]
+    assert ranked.tolist() == wanted.tolist()
+    about_critic = {**_manifest(path)["critic"], "activation": "elu"}
+    _change(path, critic=about_critic)
+    assert "activation relu or tanh" in _refusal(path)
+
+
+def test_files_of_before__have_rectifiers_and_are_symmetric(path: Path) -> None:
+    _change(path, activation=..., symmetric=...)
+    again = read_model(path)
+    assert (again.network.activation, again.symmetric) == ("relu", True)
 
 
 DIFFERENT = [
@@ -310,6 +346,10 @@ FIELDS: list[tuple[str, Any, str]] = [
     ("network", [99, 6, 5, 1, 1], "tensors"),
     ("network", [99, 10**15, 1], "tensors"),  # would be petabytes
     ("network", [99, *[10**6] * 1000, 1], "tensors"),
+    ("activation", "elu", "activation relu or tanh"),
+    ("activation", ["relu"], "activation relu or tanh"),
+    ("symmetric", "no", "symmetric: true"),
+    ("symmetric", 0, "symmetric: true"),
     ("sha256", ..., WANTED),
     ("sha256", 7, WANTED),
     ("sha256", "", "sha256 differs"),

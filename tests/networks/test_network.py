@@ -1,6 +1,8 @@
 """The NumPy network: its formula, and what it has in common with PyTorch's."""
 
+import dataclasses
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from agents.mlp import build, from_numpy, linear_layers, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
-from snake_env.networks.network import Network
+from snake_env.networks.network import ACTIVATIONS, Activation, Network
 
 sizes = st.lists(st.integers(1, 40), min_size=2, max_size=5)
 
@@ -37,7 +39,8 @@ def _formula(network: Network, x: np.ndarray) -> list[float]:
             float(bias[column]) + sum(v * float(w) for v, w in zip(values, row, strict=True))
             for column, row in enumerate(weight.T)
         ]
-        values = sums if k == last else [max(total, 0.0) for total in sums]
+        bend = math.tanh if network.activation == "tanh" else lambda total: max(total, 0.0)
+        values = sums if k == last else [bend(total) for total in sums]
     return values
 
 
@@ -55,9 +58,9 @@ def test_network__without_hidden_layers_is_linear_and_may_be_negative() -> None:
     assert network(np.array([[1.0, 1.0], [0.0, 2.0]], dtype=np.float32)).tolist() == [[0], [-5]]
 
 
-@given(sizes, st.integers(0, 99))
-def test_network__is_its_formula(layers: list[int], seed: int) -> None:
-    network = _network(layers, seed)
+@given(sizes, st.integers(0, 99), st.sampled_from(ACTIVATIONS))
+def test_network__is_its_formula(layers: list[int], seed: int, activation: Activation) -> None:
+    network = dataclasses.replace(_network(layers, seed), activation=activation)
     for x in _inputs(layers, seed, rows=2):
         assert network(x) == pytest.approx(np.array(_formula(network, x)), rel=1e-5, abs=1e-5)
 

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 import torch
 
-from agents.mlp import scaled
 from agents.ppo import SHARPNESS, PPOLearner, Settings
 from harness.robot import Robot
 from snake_env import SnakeParams, load_policy
@@ -125,7 +124,7 @@ def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
     write_model(given, Model("policy", SnakeParams(), network))
     words = arguments("ppo", out, f"--init {given} --critic-warmup 100000")
     assert main(words) == 0
-    assert same(read_model(out / "last.safetensors").network, scaled(network, SHARPNESS))
+    assert same(read_model(out / "last.safetensors").network, network.scaled(SHARPNESS))
 
 
 def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,7 +282,7 @@ def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
     for seed in (3, 4):
         made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
         assert same(
-            made.network, scaled(given[seed].network, SHARPNESS)
+            made.network, given[seed].network.scaled(SHARPNESS)
         )  # only the critic has learned
         config = made.made["config"]
         for name, begun in (("student", "init"), ("value", "init_critic")):
