@@ -25,6 +25,9 @@ from train.validation import SUITE, in_words
 _FILES = ("best.safetensors", "value.safetensors")
 PACKAGE = Path(snake_env.__file__).parent / "pretrained"
 """Where shipped models are."""
+SHIPPED = ("ppo", "dqn", "value")
+"""What of a recipe ships for every robot; ``paper`` has all. A wheel has little room, and robots
+without the large network of ``lookahead`` plan with that of ``value``."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.=,-]{0,59}")
 _CARD = """# {name}
 
@@ -89,6 +92,8 @@ def train(options: Options, console: Console) -> None:
             expected = "a name of at most 60 letters, digits and -_.=,"
             raise InvalidInputError("name", name, expected)
         model = read_model(file)
+        if options.into == PACKAGE and (options.run / "models").is_dir():
+            model = dataclasses.replace(model, critic=None)  # the file of ``value`` is beside it
         made = {**model.made, "git": git, "versions": about["versions"]}
         path = options.into / f"{name}.safetensors"
         try:
@@ -119,7 +124,8 @@ def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
         if not (models / TABLE).is_file():
             expected = "a finished recipe: --resume continues it"
             raise InvalidInputError("run", str(options.run), expected)
-        return {f"{name}{suffix}": models / f"{name}.safetensors" for name in SOURCES}
+        names = SHIPPED if options.into == PACKAGE and robot != "paper" else SOURCES
+        return {f"{name}{suffix}": models / f"{name}.safetensors" for name in names}
     file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
     if file is None:
         expected = (

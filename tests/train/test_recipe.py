@@ -29,6 +29,7 @@ from train.__main__ import main
 from train.config import parse_with_file
 from train.models import SOURCES
 from train.recipe import ORDER, RECIPES, STAGES, check
+from train.records import read_about
 
 TINY = """
 expected: half a minute [/red]
@@ -258,6 +259,26 @@ def test_export__ships_a_recipes_models_under_the_robots_name(
     assert "--overwrite" in capsys.readouterr().err
     assert main(["export", str(finished), "--into", str(tmp_path), "--name", "mine"]) == 2
     assert "name = 'mine'" in capsys.readouterr().err
+
+
+def test_export__into_the_package_ships_what_a_wheel_has_room_for(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = {**read_about(finished, "run"), "git": "0123456789"}
+    monkeypatch.setattr("train.export.PACKAGE", tmp_path)
+    monkeypatch.setattr("train.export.read_about", lambda *of: about)
+    into = ["export", str(finished), "--into", str(tmp_path)]
+    assert main(into) == 0
+    names = {path.name for path in tmp_path.glob("*.safetensors")}
+    assert names == {"ppo-narrow.safetensors", "dqn-narrow.safetensors", "value-narrow.safetensors"}
+    for name in ("ppo", "dqn"):
+        shipped = read_model(tmp_path / f"{name}-narrow.safetensors")
+        assert shipped.critic is None  # that of value-narrow serves
+        assert shipped.made["git"] == "0123456789"
+        assert _arrays(shipped) == _arrays(read_model(finished / "models" / f"{name}.safetensors"))
+    about["robot"] = "paper"
+    assert main(into) == 0
+    assert {f"{name}.safetensors" for name in SOURCES} < {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize(
