@@ -57,7 +57,7 @@ _WHAT = {
 }
 _LIMITS = {
     "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
-    "shapes within the joint limits, no slip, and these robots' constants only.",
+    "shapes within the joint limits, {ground}, and these robots' constants only.",
     "value": "It is an estimate, learned on random shapes within the joint limits: plans are right all "
     "the same, as they are predicted by the model.",
 }
@@ -92,12 +92,13 @@ def train(options: Options, console: Console) -> None:
             expected = "a name of at most 60 letters, digits and -_.=,"
             raise InvalidInputError("name", name, expected)
         model = read_model(file)
-        if options.into == PACKAGE and (options.run / "models").is_dir():
-            model = dataclasses.replace(model, critic=None)  # the file of ``value`` is beside it
+        critic = _critic(model)
+        if options.into == PACKAGE and (options.run / "models").is_dir() and model.critic:
+            model, critic = dataclasses.replace(model, critic=None), "the model `value` beside it"
         made = {**model.made, "git": git, "versions": about["versions"]}
         path = options.into / f"{name}.safetensors"
         try:
-            card = _card(name, model, about)
+            card = _card(name, model, about, critic)
         except (LookupError, TypeError, ValueError) as error:
             expected = f"an undamaged run ({in_one_line(error)})"
             raise InvalidInputError("run", str(options.run), expected) from None
@@ -135,7 +136,11 @@ def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
     return {f"{about['algorithm']}{suffix}" if options.name is None else options.name: file}
 
 
-def _card(name: str, model: Model, about: dict[str, Any]) -> str:
+def _critic(model: Model) -> str:
+    return "none" if model.critic is None else " - ".join(map(str, model.critic.network.sizes))
+
+
+def _card(name: str, model: Model, about: dict[str, Any], critic: str) -> str:
     made, params = model.made, model.params
     robot = f"`{about['robot']}`: {params.n_joints} joints, " + (
         "link 0 gives a contact" if params.head_contact else "no contact of link 0"
@@ -148,10 +153,10 @@ def _card(name: str, model: Model, about: dict[str, Any]) -> str:
         init=_beginning(made),
         seed=about["config"]["seed"],
         network=" - ".join(map(str, model.network.sizes)),
-        critic="none" if model.critic is None else " - ".join(map(str, model.critic.network.sizes)),
+        critic=critic,
         git=about["git"] or "unknown",
         validation=_validation(made),
-        limits=_LIMITS[model.kind],
+        limits=_LIMITS[model.kind].format(ground=_ground(*about["config"]["slip"])),
     )
 
 
@@ -161,6 +166,12 @@ def _beginning(made: Mapping[str, Any]) -> str:
         return f"random weights, by the stages {', '.join(made['stages'])}"
     begun = made["config"].get("init")
     return f"the model with SHA-256 {begun[:16]}..." if begun else "random weights"
+
+
+def _ground(metres: float, radians: float) -> str:
+    if not (metres or radians):
+        return "no slip"
+    return f"slip of up to {2000.0 * metres:g} mm and {2.0 * radians:g} rad per interval"
 
 
 def _validation(made: Mapping[str, Any]) -> str:
