@@ -84,8 +84,10 @@ policies: .venv/.dev ## train every shipped policy from random weights, into sna
 	done
 	@for robot in $(ROBOTS); do $(RUN) -m train export build/policies/$$robot --overwrite || exit; done
 
+TRAINED = $(patsubst %/models/validation.json,%,$(wildcard build/policies/*/models/validation.json))
 results: .venv/.dev ## write docs/results.md from docs/data; MEASURE=1 evaluates first (half an hour)
-	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run)
+	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run) \
+		$(if $(TRAINED),--recipes $(TRAINED))
 
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m benchmarks.kernel

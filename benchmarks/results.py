@@ -17,6 +17,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from benchmarks import learning
 from benchmarks.kernel import timed
 from benchmarks.operations import processor
 from benchmarks.vector import native
@@ -37,6 +38,8 @@ from snake_env.sim.tasks import load_tasks
 
 ROOT = Path(__file__).parent.parent
 DATA = ROOT / "docs" / "data"
+TEMPLATES = ROOT / "docs"
+CURVES = ROOT / "docs" / "images" / "learning.png"
 PAGE, TEMPLATE = ROOT / "docs" / "results.md", "results.md.jinja"
 _SECONDS = 2.0
 LEARNED = ("value", "ppo", "dqn", "imitate+critic", "ppo+critic", "dqn+critic")
@@ -71,6 +74,8 @@ class Options:
     """Evaluate the shipped policies and measure the speeds: about half an hour on two cores."""
     only: tuple[str, ...] = ()
     """With --run, only these: experiment, paper, narrow, six, ten, hardware, speed."""
+    recipes: tuple[Path, ...] = ()
+    """Folders of finished recipes: the page shows how they learned."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -88,8 +93,13 @@ def main(args: list[str] | None = None) -> int:
         writable_folder(DATA)
         for name, figures in found.items():  # all at once: until then the tree is as committed
             write_atomically(DATA / f"{name}.json", _text(figures))
+    for recipe in map(learning.collect, options.recipes):
+        write_atomically(DATA / f"recipe-{recipe['robot']}.json", _text(recipe))
+    recipes = _recipes()
+    if recipes:
+        learning.draw(recipes, CURVES)
     write_atomically(PAGE, page())
-    print(PAGE.relative_to(ROOT))
+    print(f"written: {PAGE}")
     return 0
 
 
@@ -134,7 +144,7 @@ def speeds() -> dict[str, Any]:
 def page() -> str:
     """``docs/results.md`` from the figures in ``docs/data``."""
     environment = Environment(
-        loader=FileSystemLoader(ROOT / "docs"),
+        loader=FileSystemLoader(TEMPLATES),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -146,6 +156,7 @@ def page() -> str:
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
+        recipes=_recipes(),
         revisions=sorted(
             {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}
         ),
@@ -156,6 +167,12 @@ def page() -> str:
 def _data(name: str) -> Any:
     file = DATA / f"{name}.json"
     return read_json(file) if file.exists() else None
+
+
+def _recipes() -> dict[str, Any]:
+    """What the recipes of the robots have learned."""
+    found = {robot: _data(f"recipe-{robot}") for robot in EVALUATIONS}
+    return {robot: recipe for robot, recipe in found.items() if recipe}
 
 
 def _against(data: dict[str, Any], policy: str) -> dict[str, Any] | None:

@@ -33,7 +33,7 @@ CHECKOUT = {
     "agents": {"harness"},
     "evaluate": {"harness"},
     "train": {"harness", "agents", "evaluate.protocol", "evaluate.statistics"},
-    "benchmarks": {"harness", "agents", "evaluate"},
+    "benchmarks": {"harness", "agents", "evaluate", "train"},
 }
 NEVER = {*CHECKOUT, "tests"}
 MODULES = sorted(PACKAGE.rglob("*.py"))

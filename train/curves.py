@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from harness.figures import Figure, save, style
 from train.records import read_log
 
 _PANELS = (
-    ("success rate, raw", "raw_success"),
-    ("success rate, +critic", "critic_success"),
-    ("mean time of successes, raw [s]", "raw_time_s"),
+    ("tasks solved, raw [%]", "raw_success", 100.0),
+    ("tasks solved, +critic [%]", "critic_success", 100.0),
+    ("mean time of successes, raw [s]", "raw_time_s", 1.0),
 )
+"""Title, column of the log, and what its numbers are multiplied by."""
 
 
 def draw_curves(runs: Sequence[Path], out: Path) -> None:
@@ -28,9 +31,12 @@ def _curves(runs: Sequence[Path]) -> Figure:
     for run in runs:
         rows = [row for row in read_log(run / "log.csv") if row.get("raw_success")]
         steps = [float(row.get("round") or int(row["timesteps"]) / 1e6) for row in rows]
-        for axis, (_, key) in zip(axes, _PANELS, strict=True):
-            axis.plot(steps, [float(row[key]) for row in rows], label=run.name, marker=".")
-    for axis, (title, _) in zip(axes, _PANELS, strict=True):
+        for axis, (_, key, factor) in zip(axes, _PANELS, strict=True):
+            values = [factor * float(row[key] or "nan") for row in rows]
+            axis.plot(steps, values, label=run.name, marker=".")
+    for axis, (title, _, _) in zip(axes, _PANELS, strict=True):
+        if not np.isfinite([y for line in axis.lines for y in line.get_ydata()]).any():
+            axis.set_visible(False)  # nothing was solved: there is no time
         axis.set_title(title, fontsize=9, loc="left")
         axis.set_xlabel("round" if rows and "round" in rows[0] else "million decisions")
         axis.grid(alpha=0.25)

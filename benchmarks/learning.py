@@ -1,0 +1,110 @@
+"""What recipes have learned, stage by stage: figures for ``docs/data``, and a picture of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evaluate.statistics import wilson95
+from harness.figures import Figure, matplotlib, save, style
+from harness.files import read_json
+from snake_env.errors import InvalidInputError
+from train.models import TABLE
+from train.recipe import ORDER
+from train.records import read_about, read_log
+
+LEARNERS = ("ppo", "dqn")
+_COLOURS = {"ppo": "#0b6e4f", "dqn": "#b3541e"}
+_STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "legend.frameon": False,
+}
+
+
+def collect(recipe: Path) -> dict[str, Any]:
+    """The figures of a finished recipe.
+
+    Returns:
+        ``robot``, ``command``, ``git``, ``seed``; ``minutes`` of each step; ``final``: how its models
+        and (21) do; ``count``: tasks of a validation; ``curves``: for each learner the decisions, in
+        millions, and the shares of tasks solved, raw and with ``+critic``; first the student's.
+
+    Raises:
+        InvalidInputError: It is no finished recipe, or damaged.
+    """
+    about = read_about(recipe, "recipes")
+    names = [", ".join(level) for level in ORDER]
+    minutes = [float(row["minutes"]) for row in read_log(recipe / "log.csv")]
+    if len(minutes) < len(names):
+        raise InvalidInputError("recipes", str(recipe), "a finished recipe (--resume finishes it)")
+    student = read_log(recipe / "imitate" / "log.csv")[-1]
+    curves = {}
+    for learner in LEARNERS:
+        rows = [row for row in read_log(recipe / learner / "log.csv") if row["raw_success"]]
+        curves[learner] = [
+            [int(row.get("timesteps", 0)) / 1e6, *(float(row[key]) for key in _SHARES)]
+            for row in (student, *rows)
+        ]
+    return {
+        "robot": about["robot"],
+        "command": about["command"],
+        "git": about["git"],
+        "seed": about["config"]["seed"],
+        "minutes": dict(zip(names, minutes, strict=True)),
+        "final": read_json(recipe / "models" / TABLE),
+        "count": about["config"]["stages"]["ppo"]["validation_tasks"],
+        "curves": curves,
+    }
+
+
+_SHARES = ("raw_success", "critic_success")
+
+
+def draw(recipes: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Draws the curves of some robots' recipes, a panel each, with 95 % intervals and (21)'s line."""
+    with style(_STYLE):
+        save(_figure(recipes), path)
+
+
+def _figure(recipes: Mapping[str, Mapping[str, Any]]) -> Figure:
+    columns = min(3, len(recipes))
+    rows = -(-len(recipes) // columns)
+    size = (3.4 * columns, 2.7 * rows + 0.5)
+    figure = Figure(figsize=size, layout="constrained", dpi=150)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel, (robot, recipe) in zip(panels, recipes.items(), strict=False):
+        _panel(panel, recipe)
+        panel.set_title(robot)
+        panel.set_xlabel("million decisions")
+        panel.set_ylabel("tasks solved [%]")
+    for panel in panels[len(recipes) :]:
+        panel.set_visible(False)
+    lines, names = panels[0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside lower center", ncols=5 if columns > 1 else 2)
+    return figure
+
+
+def _panel(panel: Any, recipe: Mapping[str, Any]) -> None:
+    for learner, curve in recipe["curves"].items():
+        decisions, *shares = np.array(curve).T
+        for name, share, dashes in zip(
+            (learner, f"{learner}+critic"), shares, ("--", "-"), strict=True
+        ):
+            solved = np.rint(share * recipe["count"]).astype(int).tolist()
+            bounds = np.array([wilson95(number, recipe["count"]) for number in solved]).T
+            colour = _COLOURS[learner]
+            panel.plot(decisions, 100 * share, dashes, color=colour, marker=".", ms=4, label=name)
+            panel.fill_between(decisions, *(100 * bounds), color=colour, alpha=0.1, lw=0)
+    base = recipe["final"]["analytic"]
+    panel.axhline(
+        100 * base["success"] / base["n"], color="black", lw=1, ls=":", label="analytic, (21)"
+    )
+    panel.yaxis.set_major_locator(matplotlib.ticker.MaxNLocator(5))
+    panel.set_xlim(left=0.0)

@@ -1,0 +1,101 @@
+"""Learning curves of the results: what recipes' folders say, and nothing else."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import learning, results
+from benchmarks.learning import collect
+from evaluate.statistics import wilson95
+from snake_env.errors import InvalidInputError
+from train.recipe import ORDER
+
+FINAL = {name: {"success": 30 + k, "n": 50} for k, name in enumerate(["analytic", "ppo", "dqn"])}
+
+
+@pytest.fixture
+def recipe(tmp_path: Path) -> Path:
+    """The folder of a finished recipe, as far as it is read."""
+    folder = tmp_path / "recipe"
+    files: dict[str, Any] = {
+        "run.json": {
+            "schema": 1,
+            "algorithm": "recipe-full",
+            "robot": "six",
+            "command": "python -m train recipe",
+            "git": "0123",
+            "versions": {},
+            "config": {
+                "params": {"n_joints": 6},
+                "seed": 3,
+                "stages": {"ppo": {"validation_tasks": 40}},
+            },
+        },
+        "log.csv": "step,minutes\n" + "".join(f"{k},{k}.5\n" for k in range(1, 1 + len(ORDER))),
+        "imitate/log.csv": "round,raw_success,critic_success\n1,0.1,0.2\n2,0.5,0.6\n",
+        "ppo/log.csv": (
+            "timesteps,raw_success,critic_success\n1000,,\n2000000,0.7,0.8\n4000000,0.75,0.9\n"
+        ),
+        "dqn/log.csv": "timesteps,raw_success,critic_success\n500000,0.55,0.65\n",
+        "models/validation.json": FINAL,
+    }
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return folder
+
+
+def test_figures__are_those_of_the_folder(recipe: Path) -> None:
+    assert collect(recipe) == {
+        "robot": "six",
+        "command": "python -m train recipe",
+        "git": "0123",
+        "seed": 3,
+        "minutes": dict(zip(map(", ".join, ORDER), [1.5, 2.5, 3.5, 4.5, 5.5, 6.5], strict=True)),
+        "final": FINAL,
+        "count": 40,
+        "curves": {
+            "ppo": [[0.0, 0.5, 0.6], [2.0, 0.7, 0.8], [4.0, 0.75, 0.9]],
+            "dqn": [[0.0, 0.5, 0.6], [0.5, 0.55, 0.65]],
+        },
+    }
+    (recipe / "log.csv").write_text("step,minutes\n1,1.5\n")
+    with pytest.raises(InvalidInputError, match=r"recipes = .*: expected a finished recipe"):
+        collect(recipe)
+
+
+def test_picture__has_the_curves_their_intervals_and_the_optimisers_line(recipe: Path) -> None:
+    figure = learning._figure({"six": collect(recipe), "other": collect(recipe)})
+    panel, other = figure.axes
+    assert (panel.get_title(), other.get_title()) == ("six", "other")
+    lines = {line.get_label(): line for line in panel.lines}
+    assert lines["ppo"].get_ydata().tolist() == pytest.approx([50, 70, 75])
+    assert lines["dqn+critic"].get_xdata().tolist() == [0.0, 0.5]
+    assert set(lines["analytic, (21)"].get_ydata()) == {60.0}
+    low, high = wilson95(28, 40)  # 0.7 of 40
+    corners = panel.collections[0].get_paths()[0].vertices
+    at_two = sorted({y for x, y in corners.tolist() if x == 2.0})
+    assert at_two == pytest.approx([100 * low, 100 * high])
+
+
+def test_results__show_a_recipe(
+    recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DATA", "PAGE", "CURVES"):
+        monkeypatch.setattr(results, name, tmp_path / name.lower())
+    (tmp_path / "data").mkdir()
+    for path in (Path(results.__file__).parent.parent / "docs" / "data").glob("*.json"):
+        if not path.name.startswith("recipe-"):
+            (tmp_path / "data" / path.name).write_bytes(path.read_bytes())
+    told = json.loads((recipe / "models" / "validation.json").read_text())
+    names = ("value", "imitate", "imitate+critic", "ppo+critic", "dqn+critic")
+    told |= {name: {"success": 41, "n": 50} for name in names}
+    (recipe / "models" / "validation.json").write_text(json.dumps(told))
+    assert results.main(["--recipes", str(recipe)]) == 0
+    page = (tmp_path / "page").read_text()
+    assert "| `six` | 1.5 | 2.5 | 3.5 | 4.5 | 5.5 | 6.5 | 24 |" in page
+    assert "| `six` | 30 | 41 | 41 | 41 | 31 | 41 | 32 | 41 |" in page
+    assert (tmp_path / "curves").read_bytes().startswith(b"\x89PNG")
