@@ -15,7 +15,7 @@ from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
 from snake_env.errors import InvalidInputError, printable
 from snake_env.params import SnakeParams
-from snake_env.rendering.drawing import INK, geometry
+from snake_env.rendering.drawing import INK
 from snake_env.rendering.painter import HEIGHT, WIDTH, Painter
 from snake_env.rendering.scenes import FRAME_EVERY_S, FRAMES_PER_SECOND, Scene
 from snake_env.sim.tasks import TaskSuite
@@ -113,9 +113,7 @@ def _write(name: Path, episode: Replayed, params: SnakeParams) -> Path:
         for policy, motion in motions.items()
     }
     painter = Painter(params)
-    for scenes in sides.values():  # one view for all, as wide as it will ever be
-        for scene in scenes:
-            painter.widen(geometry(scene.phi, scene.w, params).outline)
+    painter.begin([scene for scenes in sides.values() for scene in scenes])  # one view for all
     count = max(map(len, sides.values()))
     frames = (_frame(painter, sides, k) for k in range(count))
     path = name.with_name(f"{name.name}.gif")
@@ -155,6 +153,7 @@ def _scene(motion: Motion, step: int, episode: Replayed, params: SnakeParams, al
         w=motion.w[step],
         target=episode.state.target,
         lifted=np.zeros(params.n_joints, dtype=np.bool_) if grounded else motion.lifted[k],
+        scp=0 if grounded else motion.phases[k],
         time=time,
         caption="target reached" if over else "" if k < 0 else f"phase {motion.phases[k]}",
         alarm=alarm,

@@ -39,7 +39,7 @@ _HEADER = 64  # pixels
 
 
 class Painter:
-    """Draws scenes; the view only ever widens, so that the picture does not jump.
+    """Draws scenes; from :meth:`begin` on the view only ever widens, so that the picture does not jump.
 
     Raises:
         MissingDependencyError: Pillow is not installed.
@@ -56,11 +56,13 @@ class Painter:
         self._image, self._draw = Image, ImageDraw
         self._large = ImageFont.load_default(17 * _OVERSAMPLING)
         self._small = ImageFont.load_default(13 * _OVERSAMPLING)
-        reach = 2.0 * params.l * (params.n_joints + 1)
-        head = np.array(params.w_d[:2])
-        ahead = -0.5 * reach * np.array([np.cos(params.w_d[2]), np.sin(params.w_d[2])])
-        self._low = head + ahead - [0.62 * reach, 0.4 * reach]
-        self._high = head + ahead + [0.62 * reach, 0.4 * reach]
+        self.begin([])
+
+    def begin(self, scenes: list[Scene], margin: float = 0.08) -> None:
+        """Begins a new view: around some scenes and their targets, and so much more [m]."""
+        self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
+        for scene in scenes:
+            self._widen(scene, margin)
 
     def frame(self, scene: Scene) -> NDArray[np.uint8]:
         """The scene as an image, shape (480, 640, 3) uint8."""
@@ -69,8 +71,8 @@ class Painter:
     def image(self, scene: Scene) -> Image.Image:
         """The scene as a Pillow image, 640 x 480."""
         place = geometry(scene.phi, scene.w, self.params)
-        ghost = geometry(scene.target, np.array(self.params.w_d), self.params)
-        self.widen(np.concatenate([place.outline, ghost.outline]))
+        ghost = self._ghost(scene)
+        self._widen(scene)
         size = (WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING)
         image = self._image.new("RGB", size, _PAPER_COLOUR)
         pen = self._draw.Draw(image)
@@ -90,9 +92,13 @@ class Painter:
         no_dither = self._image.Dither.NONE
         return [image.quantize(palette=palette, dither=no_dither) for image in images]
 
-    def widen(self, points: FloatArray) -> None:
-        """Makes room for points (k, 2) [m]."""
-        margin = 0.08
+    def _ghost(self, scene: Scene) -> Geometry:
+        return geometry(scene.target, np.array(self.params.w_d), self.params)
+
+    def _widen(self, scene: Scene, margin: float = 0.08) -> None:
+        """Makes room for a scene and its target, with a margin [m]."""
+        outline = geometry(scene.phi, scene.w, self.params).outline
+        points = np.concatenate([outline, self._ghost(scene).outline])
         self._low = np.minimum(self._low, points.min(axis=0) - margin)
         self._high = np.maximum(self._high, points.max(axis=0) + margin)
 
@@ -137,14 +143,15 @@ class Painter:
         self._thick_line(pen, place.outline, 9, BODY)
         for axle, up in zip(place.axles, scene.lifted, strict=True):
             self._draw_wheels(pen, axle, bool(up))
-        for joint, angle in zip(place.outline[1:-1], scene.phi, strict=True):
-            share = abs(angle) / self.params.phi_limit
-            colour = LIFTED if share > 1 - 1e-3 else GRAVITY if share > _NEAR_LIMIT else "white"
-            self._dot(pen, joint, 5, colour)
+        for number, angle in enumerate(scene.phi, 1):
+            share, own = abs(angle) / self.params.phi_limit, number == scene.scp
+            usual = INK if own else "white"
+            colour = LIFTED if share > 1 - 1e-3 else GRAVITY if share > _NEAR_LIMIT else usual
+            self._dot(pen, place.outline[number], 7 if own else 5, colour)
         self._dot(pen, place.outline[0], 7, INK)
         ((x, y),) = self._pixels(place.gravity[None])
         arm = 8 * _OVERSAMPLING
-        self._dot(pen, place.gravity, 6, GRAVITY)
+        self._dot(pen, place.gravity, 6, LIFTED if scene.alarm == "stability" else GRAVITY)
         pen.line((x - arm, y, x + arm, y), fill=INK, width=_OVERSAMPLING)
         pen.line((x, y - arm, x, y + arm), fill=INK, width=_OVERSAMPLING)
 
@@ -190,8 +197,7 @@ def save_gif(scenes: list[Scene], path: str | Path, params: SnakeParams) -> None
         MissingDependencyError: Pillow is not installed.
     """
     painter = Painter(params)
-    for scene in scenes:  # widens the view to its final size first
-        painter.widen(geometry(scene.phi, scene.w, params).outline)
+    painter.begin(scenes)
     images = painter.quantized([painter.image(scene) for scene in scenes])
     durations = [1000 // FRAMES_PER_SECOND] * (len(images) - 1) + [2000]
     images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)

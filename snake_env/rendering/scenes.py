@@ -25,6 +25,7 @@ class Scene:
         w: Head pose, shape (3,) [m, m, rad].
         target: Target joint angles, shape (n,) [rad].
         lifted: Wheels in the air, shape (n,).
+        scp: The phase's joint, 1 to n; n + 1 once the target is reached.
         time: Time since the episode began [s].
         caption: Phase and mode in words.
         alarm: What went wrong, or empty.
@@ -34,6 +35,7 @@ class Scene:
     w: FloatArray
     target: FloatArray
     lifted: NDArray[np.bool_]
+    scp: int
     time: float
     caption: str
     alarm: str = ""
@@ -62,6 +64,7 @@ def motion_scenes(
             w=motion.w[k],
             target=before.target,
             lifted=lifted,
+            scp=before.phase,
             time=before.elapsed + k * params.dt,
             caption=caption,
             alarm=alarm if k == steps else "",
@@ -79,6 +82,7 @@ def still_scene(state: SnakeState, params: SnakeParams, *, alarm: str = "") -> S
         w=state.w,
         target=state.target,
         lifted=up,
+        scp=state.phase,
         time=state.elapsed,
         caption="target reached" if done else f"phase {state.phase}",
         alarm=alarm,

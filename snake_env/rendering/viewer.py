@@ -13,6 +13,8 @@ from snake_env.rendering.painter import HEIGHT, WIDTH, Painter
 from snake_env.rendering.scenes import FRAMES_PER_SECOND, Scene, motion_scenes, still_scene
 from snake_env.state import SnakeState
 
+_ROOM = 2.0  # around start and target, for the motion between them, in links' half lengths
+
 
 class Viewer:
     """Turns an episode into frames, for the env's render modes.
@@ -35,7 +37,9 @@ class Viewer:
     def begin(self, state: SnakeState) -> None:
         """Shows where an episode begins."""
         self._scenes = []
-        self._add([still_scene(state, self.params)])
+        scene = still_scene(state, self.params)
+        self._painter.begin([scene], margin=_ROOM * self.params.l)
+        self._add([scene])
 
     def show(self, before: SnakeState, mode: int, after: SnakeState, violation: str) -> None:
         """Shows an interval: the motion inside it, or that the robot held still."""

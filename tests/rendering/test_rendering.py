@@ -1,5 +1,6 @@
 """Frames: what they show, how many there are, and GIFs."""
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -82,6 +83,54 @@ def test_view__widens_for_a_robot_that_leaves_it(sim_1: SnakeState) -> None:
     border = np.concatenate([frame[64], frame[-1], frame[64:, 0], frame[64:, -1]])
     assert pixels_of(border[None], INK) == 0
     assert pixels_of(frame[64:], GROUNDED) > 20
+
+
+def test_joint_of_the_phase__is_marked(sim_1: SnakeState) -> None:
+    scene = still_scene(sim_1, PAPER)
+    painter = Painter(PAPER)
+    painter.begin([scene])
+    dark = [
+        pixels_of(painter.frame(dataclasses.replace(scene, scp=scp))[64:], INK) for scp in (0, 1, 9)
+    ]
+    assert dark[1] > dark[0] + 60
+    assert dark[0] == dark[2]  # no phase is left
+
+
+def test_centre_of_gravity__is_red_where_the_robot_tips_over(sim_1: SnakeState) -> None:
+    scene = still_scene(sim_1, PAPER)
+    painter = Painter(PAPER)
+    orange = [
+        pixels_of(painter.frame(dataclasses.replace(scene, alarm=alarm))[64:], GRAVITY)
+        for alarm in ("", "collision", "stability")
+    ]
+    assert orange[0] == orange[1] > orange[2] + 30
+
+
+def test_gif__is_filled_by_start_target_and_motion(sim_1: SnakeState, tmp_path: Path) -> None:
+    scenes = motion_scenes(sim_1, 85, PAPER)
+    painter = Painter(PAPER)
+    painter.begin(scenes)
+    drawn = np.zeros((480 - 64, 640), dtype=bool)
+    for scene in scenes:
+        frame = painter.frame(scene)[64:]
+        drawn |= np.abs(frame.astype(int) - frame[0, 0]).max(axis=2) > 25
+    rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
+    spread = np.ptp(rows) / drawn.shape[0], np.ptp(columns) / drawn.shape[1]
+    assert max(spread) > 0.85
+    assert min(rows[0], columns[0]) > 0  # nothing is cut off
+    assert rows[-1] < drawn.shape[0] - 1
+    assert columns[-1] < drawn.shape[1] - 1
+
+
+def test_episodes__each_have_a_view_of_their_own() -> None:
+    env = SnakeModeSelectionEnv(render_mode="rgb_array")
+    env.reset(seed=4)
+    first = env.render()
+    for seed in range(5):
+        env.reset(seed=seed)
+        env.step(0)
+    env.reset(seed=4)
+    assert np.array_equal(env.render(), first)
 
 
 def test_gif__has_all_frames_and_keeps_small_marks(sim_1: SnakeState, tmp_path: Path) -> None:
