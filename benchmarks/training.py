@@ -20,8 +20,8 @@ from agents.ppo import PPOLearner, Settings
 from harness.command import exit_code
 from harness.options import parse
 from snake_env.params import SnakeParams
-from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
+from snake_env.sim.warm_up import warm_up
 
 
 @dataclass(frozen=True)

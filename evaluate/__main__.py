@@ -32,8 +32,8 @@ from harness.provenance import begin
 from snake_env import VERSION, interrupts
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import TaskSuite, load_tasks
+from snake_env.sim.warm_up import warm_up
 
 _MOST_TASKS = 16  # in a shard, so that handing it out costs little beside doing it
 _LEAST_SHARDS = 100  # so that all workers are busy to the end, and a killed run loses little
@@ -108,7 +108,7 @@ def _evaluate(
     rows: dict[str, Any] = {}
     latencies: dict[str, list[float]] = {}
     try:
-        _run(store, suite, params, options, console)
+        _run(store, config, suite, params, options, console)
         rows = {name: store.rows(name) for name in options.names}
         duration = time.monotonic() - began
         if not options.no_latency:
@@ -160,7 +160,11 @@ def _console(options: Options) -> Console:
 
 
 def _shards(
-    store: Store, suite: TaskSuite, params: SnakeParams, options: Options
+    store: Store,
+    config: dict[str, Any],
+    suite: TaskSuite,
+    params: SnakeParams,
+    options: Options,
 ) -> Iterator[Shard]:
     """What is left to do, made when there is a worker for it."""
     size = max(1, min(_MOST_TASKS, len(suite) // _LEAST_SHARDS))
@@ -169,15 +173,22 @@ def _shards(
         for start in range(0, len(missing), size):
             tasks = missing[start : start + size]
             states = [suite.initial(task, params) for task in tasks]
-            yield Shard(name, tasks, states, params, options.decision_timeout, options.slip)
+            models = tuple(config["models"][name])
+            limit = options.decision_timeout
+            yield Shard(name, tasks, states, params, limit, options.slip, models)
 
 
 def _run(
-    store: Store, suite: TaskSuite, params: SnakeParams, options: Options, console: Console
+    store: Store,
+    config: dict[str, Any],
+    suite: TaskSuite,
+    params: SnakeParams,
+    options: Options,
+    console: Console,
 ) -> None:
     """Runs the shards on the workers; each is stored as it comes."""
     left = sum(len(store.missing(name)) for name in options.names)
-    shards = _shards(store, suite, params, options)
+    shards = _shards(store, config, suite, params, options)
     with (
         progress(console, left, "episodes") as advance,
         closing(options.engine.map(run_shard, shards)) as results,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from evaluate.deadline import DecisionTimeoutError, within
-from evaluate.outside import make_policy, staying
+from evaluate.outside import is_outside, make_policy, staying
 from harness.command import in_one_line
 from snake_env.envs.slip import NO_SLIP, Floor, Slip
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
@@ -58,6 +59,8 @@ class Shard:
         params: The constants.
         decision_timeout_s: What a decision may take [s]; None: any time.
         slip: How much the wheels slip.
+        models: SHA-256 of the policy's model files, so that the worker need not make it anew for each
+            shard; None: they may change from shard to shard.
     """
 
     policy: str
@@ -66,6 +69,7 @@ class Shard:
     params: SnakeParams
     decision_timeout_s: float | None = None
     slip: Slip = NO_SLIP
+    models: tuple[str, ...] | None = None
 
 
 def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> list[str]:
@@ -92,9 +96,20 @@ def run_shard(shard: Shard) -> list[Row]:
         return _rows_of(shard)
 
 
+def _policy_of(shard: Shard) -> Policy:
+    if shard.models is None or is_outside(shard.policy):
+        return make_policy(shard.policy, shard.params)
+    return _made(shard.policy, shard.params, shard.models)
+
+
+@functools.lru_cache(maxsize=8)
+def _made(name: str, params: SnakeParams, models: tuple[str, ...]) -> Policy:
+    return make_policy(name, params)
+
+
 def _rows_of(shard: Shard) -> list[Row]:
     rows: list[Row] = []
-    policy = None if shard.policy == SKID else make_policy(shard.policy, shard.params)
+    policy = None if shard.policy == SKID else _policy_of(shard)
     for task, state in zip(shard.tasks, shard.states, strict=True):
         if policy is None:
             summary, _ = skid(state, shard.params)

@@ -26,8 +26,8 @@ from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.value import value_digest
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import TaskSuite, load_tasks
+from snake_env.sim.warm_up import warm_up
 
 LAYOUT = Layout(begun="plans.partial.jsonl", done="search.json", own=("plans.csv",))
 """What the folder of a search holds."""

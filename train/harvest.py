@@ -24,8 +24,8 @@ from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model
 from snake_env.params import SnakeParams
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import random_tasks
+from snake_env.sim.warm_up import warm_up
 from train.ground import Ground
 
 _PART = 512  # tasks that a worker plays side by side

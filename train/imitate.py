@@ -22,7 +22,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.policies.warm_up import warm_up
+from snake_env.sim.warm_up import warm_up
 from train.given import read_checked, read_critic
 from train.ground import Ground
 from train.run import Run, RunFolder

@@ -30,9 +30,9 @@ from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.networks.model_file import Model, write_model
 from snake_env.params import parse_overrides
-from snake_env.policies.warm_up import warm_up
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
+from snake_env.sim.warm_up import warm_up
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
 from train.given import read_checked, read_critic
 from train.ground import Ground

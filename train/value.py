@@ -19,9 +19,9 @@ from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Kind, Model, read_model, write_model
 from snake_env.params import SnakeParams
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
+from snake_env.sim.warm_up import warm_up
 from train.given import read_checked
 from train.ground import Ground
 from train.run import Run, RunFolder

@@ -13,7 +13,7 @@ from snake_env.networks.model_file import Model
 from snake_env.networks.symmetry import asked
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import STILL
-from snake_env.sim.observation import observe_one
+from snake_env.sim.observation import get_observation_kernel, observe_one
 from snake_env.state import IntArray, SnakeState
 
 
@@ -41,6 +41,7 @@ class NetworkPolicy:
         self.rollouts = 0
         self.models = (model,)
         self._params = params
+        get_observation_kernel(params.n_joints, params.head_contact)
         self._network = asked(model.network, params.n_joints, model.symmetric)
         self.reset()
 

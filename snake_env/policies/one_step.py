@@ -8,7 +8,7 @@ import numpy as np
 
 from snake_env.params import SnakeParams
 from snake_env.policies.base import CANDIDATES, models_of
-from snake_env.policies.ends import ends
+from snake_env.policies.ends import ends, get_ends_program
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.value import NetworkValue, ValueFunction, load_value
 from snake_env.sim.optimizer import AnalyticOptimizer
@@ -64,6 +64,12 @@ def best_mode(
     return Choice(int(modes[kept[np.argmin(worth)]]), leads)
 
 
+def _load_program(value: ValueFunction, params: SnakeParams) -> None:
+    """Compiles or loads what :func:`best_mode` will need, before decisions wait for it."""
+    if isinstance(value, NetworkValue):
+        get_ends_program(params.n_joints, params.head_contact)
+
+
 class ValuePolicy:
     """The feasible mode whose end needs the fewest intervals: simulates all modes, as (21) does.
 
@@ -84,6 +90,7 @@ class ValuePolicy:
         if value is None:
             value = load_value(params, ("value", "lookahead"), transfer)
         self.models = models_of(value)
+        _load_program(value, params)
         self._value = value
         self._optimizer = AnalyticOptimizer(params)
 
@@ -120,6 +127,7 @@ class CriticPolicy:
     ) -> None:
         self.rollouts = 0
         self.models = (*policy.models, *models_of(value))
+        _load_program(value, params)
         self._policy, self._value, self._params, self._k = policy, value, params, k
         self._optimizer = AnalyticOptimizer(params)
 

@@ -14,7 +14,8 @@ import pytest
 
 import snake_env
 from evaluate import __main__ as command
-from evaluate import pictures
+from evaluate import pictures, protocol
+from snake_env.params import SnakeParams
 from tests.support import HANGS_S, ROOT
 
 OTHERS = "tests.support.policies_of_others"
@@ -133,6 +134,23 @@ def test_results_of_one_model__are_not_resumed_with_another(
     assert run(stop=False) == run(stop=False) == 0
     shutil.copy(PPO.with_name("imitate.safetensors"), model)
     assert run(stop=False) == 2
+
+
+def test_policy__is_made_once_for_all_shards_of_a_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    make_policy = protocol.make_policy
+
+    def counted(name: str, params: SnakeParams) -> Any:
+        made.append(name)
+        return make_policy(name, params)
+
+    monkeypatch.setattr(protocol, "make_policy", counted)
+    protocol._made.cache_clear()
+    words = "ppo first-feasible --tasks random:6:3 --workers 1 --no-latency"
+    monkeypatch.setattr(sys, "argv", ["evaluate", *words.split()])
+    assert command.main() == 0
+    assert made == ["ppo", "first-feasible"] * 2  # to see that it exists, and to play six shards
+    protocol._made.cache_clear()
 
 
 def test_timeout__holds_while_pictures_are_made(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import VIOLATIONS
 from harness.engine import Engine
 from snake_env import SnakeParams
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.tasks import load_tasks
+from snake_env.sim.warm_up import warm_up
 
 _PART = 250
 

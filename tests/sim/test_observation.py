@@ -1,8 +1,6 @@
 """The observation: against a NumPy transcription of its table, alone, in batches and in threads."""
 
-import logging
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +11,11 @@ import snake_env
 from snake_env import UnknownNameError
 from snake_env.envs import SnakeModeSelectionEnv
 from snake_env.equations.features import features
-from snake_env.kernel import compiler
-from snake_env.kernel.distance import get_distance_program
-from snake_env.kernel.instant_mask import MAX_MODES, get_mask_kernel
-from snake_env.kernel.interval import get_kernel
+from snake_env.kernel.instant_mask import MAX_MODES
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policies.ends import get_ends_program
-from snake_env.policies.warm_up import warm_up
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import (
-    get_observation_kernel,
     observation_rows,
     observation_size,
     observe,
@@ -225,24 +217,6 @@ def test_observe_one__is_right_in_threads_at_once() -> None:
     for thread in threads:
         thread.join()
     assert wrong == []
-
-
-def test_warm_up__leaves_nothing_to_compile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(tmp_path))
-    programs = (get_kernel, get_mask_kernel, get_observation_kernel, get_distance_program)
-    for cached in (*programs, get_ends_program):
-        cached.cache_clear()
-    params = SnakeParams(n_joints=5)
-    with caplog.at_level(logging.WARNING):
-        warm_up(params)
-        assert caplog.text.count("compiling") == 5
-        caplog.clear()
-        state = seen_state(0, params, 1)
-        observe_one(state, params)
-        action_masks(StateBatch.stack([state]), "lookahead", params)
-    assert not caplog.records
 
 
 @pytest.mark.parametrize("params", [PAPER, NARROW, OTHER])
