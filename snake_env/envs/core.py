@@ -23,7 +23,6 @@ from snake_env.params import LARGEST, SnakeParams
 from snake_env.sim.episode import Episodes
 from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
 from snake_env.sim.observation import observe
-from snake_env.sim.simulation import least_distances
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
 
@@ -181,7 +180,7 @@ class EnvCore:
             violation=np.zeros(count, dtype="<U12"),
             lifted=np.zeros((count, params.n_joints), dtype=np.int8),
             terms={name: np.zeros(count) for name in terms},
-            d_min=least_distances(phi0, params),
+            d_min=self.episodes.d_min(indices),
             max_abs_phi=np.abs(phi0).max(axis=1),
         )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from snake_env.params import SnakeParams
 from snake_env.sim.simulation import Prediction, least_distances
-from snake_env.state import IntArray, SnakeState, StateBatch
+from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 OUTCOMES = ("success", "deadlock", "horizon", "stability", "joint_limit", "collision", "error")
 """How an episode can end; all but the first are failures.
@@ -99,17 +99,26 @@ class Episodes:
             figures[name][indices] = combine(figures[name][indices], values)
         self._note_head_error(indices, after)
         moved = np.abs(after.phi - before).max(axis=1)
-        self.outcome[indices] = np.select(
-            [
-                prediction.violation != "",
-                prediction.d_min < self.params.d_touch,
-                after.phase > self.params.n_joints,
-                (self._intervals[indices] >= self.params.horizon) & (moved < STILL),
-                self._intervals[indices] >= self.params.horizon,
-            ],
-            [prediction.violation, "collision", "success", "deadlock", "horizon"],
-            default="",
-        )
+        late = self._intervals[indices] >= self.params.horizon
+        over = late | (after.phase > self.params.n_joints)
+        over |= (prediction.d_min < self.params.d_touch) | ~prediction.feasible
+        for k in np.flatnonzero(over).tolist():  # few of many: comparing texts takes time
+            if prediction.violation[k]:
+                outcome = prediction.violation[k]
+            elif prediction.d_min[k] < self.params.d_touch:
+                outcome = "collision"
+            elif after.phase[k] > self.params.n_joints:
+                outcome = "success"
+            elif late[k]:
+                outcome = "deadlock" if moved[k] < STILL else "horizon"
+            else:
+                continue  # a rejected choice
+            self.outcome[indices[k]] = outcome
+
+    def d_min(self, indices: IntArray) -> FloatArray:
+        """Least distances between links so far, at the given positions [m]."""
+        distances: FloatArray = self._figures["d_min"][indices]
+        return distances
 
     def _note_head_error(self, indices: IntArray, states: StateBatch) -> None:
         x, y, theta = (states.w - self.params.w_d).T
