@@ -6,7 +6,7 @@ exactly what that state is worth under the present value. The next value is fitt
 to lambda-returns (TD(lambda), Sutton and Barto, section 12.1), which trust the present value for what
 lies further ahead: how long an episode takes hangs on tiny differences, so returns are noisy.
 
-A smaller network is distilled from a large one: fitted to what that says about all successors of the
+A smaller network is distilled from a large one: fitted to what that says about the successors of the
 states that it passes, for which there is no noise and much more of them.
 """
 
@@ -38,6 +38,7 @@ FAILURE = 30.0
 """What a state is worth from which the target is not reached [intervals]."""
 _EXPLORED = 10  # an episode explores for fewer intervals than this
 _AT_ONCE = 0.25  # share of episodes that don't explore at all
+_SUCCESSORS = 32  # of a state, that are kept for a smaller network; ten joints have up to 466
 _NOISE = (0.3, 3.0)  # least and largest scale of the noise [intervals]
 
 
@@ -77,7 +78,7 @@ class Play:
         part: Which shard of it.
         count: Number of episodes.
         network: The present value; None: minus the potential of the reward.
-        trace_decay: Lambda; None: what the network says about all successors instead of returns.
+        trace_decay: Lambda; None: what the network says about successors instead of returns.
         params: The constants.
         slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
     """
@@ -190,7 +191,7 @@ def _greedy(
 
     Returns:
         Intervals from each to the target, or FAILURE; the observations on the ways and their
-        lambda-returns, or all successors' and what they are worth.
+        lambda-returns, or successors' and what they are worth.
     """
     needed = np.full(len(states), FAILURE)
     seen: list[StateBatch] = []
@@ -201,6 +202,8 @@ def _greedy(
         tree = expand(now, params)
         worth = value(tree.states)
         open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
+        if trace_decay is None:
+            open_ = open_[_some_of_each(tree.parent[open_], rng)]
         seen.append(now if trace_decay is not None else tree.states.take(open_))
         said.append(worth[open_])
         chosen = best_of_each(tree.parent, worth + _creeping(tree, now))
@@ -214,6 +217,19 @@ def _greedy(
         said = _lambda_returns(steps, np.where(needed < FAILURE, 0.0, FAILURE), trace_decay)
     observations = np.concatenate([observe(states, params) for states in seen])
     return needed, observations, np.concatenate(said).astype(np.float32)
+
+
+def _some_of_each(parent: IntArray, rng: np.random.Generator) -> IntArray:
+    """Positions of at most :data:`_SUCCESSORS` random successors of each state, in their order.
+
+    Args:
+        parent: The state that each is a successor of, in ascending order, shape (N,).
+        rng: Source of randomness.
+    """
+    order = np.lexsort((rng.random(len(parent)), parent))
+    rank = np.arange(len(parent)) - np.searchsorted(parent, parent)
+    kept: IntArray = np.sort(order[rank < _SUCCESSORS])
+    return kept
 
 
 def _creeping(tree: Expansion, before: StateBatch) -> FloatArray:

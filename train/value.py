@@ -48,7 +48,7 @@ class Options:
     these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
     it."""
     distil: bool = False
-    """Fit to what the network of --init says about all successors on the way, instead of returns. It
+    """Fit to what the network of --init says about successors on the way, instead of returns. It
     plays all generations; what is made of it answers soon, as it is asked about one image only."""
     generations: int = 20
     """Rounds of playing and fitting."""

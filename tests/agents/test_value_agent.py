@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from agents import value
 from agents.value import FAILURE, Fit, Play, Returns, fit, play
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
@@ -106,6 +107,26 @@ def test_play__says_what_the_network_thinks_of_all_successors() -> None:
         for k in np.flatnonzero(ends.phase <= 5):
             worth = float(PhaseValue(FIVE)(ends.take([k]))[0])
             assert _of(told, ends[int(k)]) == pytest.approx(worth, abs=1e-6)
+
+
+@pytest.mark.parametrize("most", [1, 3, 7])
+def test_some_successors__are_drawn_from_each_state(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(value, "_SUCCESSORS", most)
+    rng = np.random.default_rng(0)
+    parent = np.repeat([0, 2, 3, 7], [5, 1, 9, 3])
+    times = np.zeros(len(parent))
+    for _ in range(3000):
+        kept = value._some_of_each(parent, rng)
+        assert (np.diff(kept) > 0).all()
+        found, counts = np.unique(parent[kept], return_counts=True)
+        assert found.tolist() == [0, 2, 3, 7]
+        assert counts.tolist() == [min(most, count) for count in (5, 1, 9, 3)]
+        times[kept] += 1
+    wanted = np.repeat([min(1.0, most / count) for count in (5, 1, 9, 3)], [5, 1, 9, 3])
+    np.testing.assert_allclose(times / 3000, wanted, atol=0.05)
+    assert len(value._some_of_each(parent[:0], rng)) == 0
 
 
 def test_fit__learns_its_returns_from_where_it_begins() -> None:
