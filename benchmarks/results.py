@@ -150,13 +150,19 @@ def page() -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"interval": interval, "num": _number, "estimate": _estimate}
+    environment.filters |= {
+        "interval": interval,
+        "num": _number,
+        "estimate": _estimate,
+        "names": _names,
+    }
     robots = {name: _data(name) for name in EVALUATIONS if name != "experiment"}
     return environment.get_template(TEMPLATE).render(
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
         recipes=_recipes(),
+        origins=_origins(),
         revisions=sorted(
             {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}
         ),
@@ -173,6 +179,23 @@ def _recipes() -> dict[str, Any]:
     """What the recipes of the robots have learned."""
     found = {robot: _data(f"recipe-{robot}") for robot in EVALUATIONS}
     return {robot: recipe for robot, recipe in found.items() if recipe}
+
+
+def _origins() -> dict[str, list[str]]:
+    """The robots whose networks the recipe made, those with older ones, and those without any."""
+    found: dict[str, list[str]] = {"recipe": [], "older": [], "none": []}
+    for robot in (name for name in EVALUATIONS if name != "experiment"):
+        params = SnakeParams.preset(robot)
+        models = [model for model in shipped("ppo") if not params.differences(model.params)]
+        origin = "none" if not models else "recipe" if "stages" in models[0].made else "older"
+        found[origin].append(robot)
+    return found
+
+
+def _names(robots: list[str]) -> str:
+    """Names in a sentence."""
+    *first, last = [f"`{robot}`" for robot in robots]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _against(data: dict[str, Any], policy: str) -> dict[str, Any] | None:
