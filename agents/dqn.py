@@ -15,9 +15,9 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
-from agents.labels import WORST as FLOOR
 from agents.learner import Learner
 from agents.mlp import falling, linear_layers
+from agents.pace import worst
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
@@ -33,15 +33,17 @@ class AnchoredDQN(MaskedDQN):
     A target tells of the mode that was executed only. Through the network it moves the values of the
     others too, mostly upwards, and what the student knew about them would be lost. So the loss holds
     the squared distance from the student's values, over all open modes. Targets are at least
-    :data:`FLOOR`.
+    ``floor``.
 
     Attributes:
         anchor: The student's network; None: there is none.
         weight: Weight of the distance beside the Bellman error.
+        floor: The least target: what a failure is worth, :func:`agents.pace.worst`.
     """
 
     anchor: nn.Module | None = None
     weight = 0.0
+    floor = -math.inf
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """SB3's ``DQN.train`` with these two changes."""
@@ -57,7 +59,7 @@ class AnchoredDQN(MaskedDQN):
                 target = batch.rewards + (1.0 - batch.dones) * self.gamma * after
             values = self.q_net(batch.observations)
             chosen = values.gather(1, batch.actions.long())
-            error = nn.functional.smooth_l1_loss(chosen, target.clamp(min=FLOOR))
+            error = nn.functional.smooth_l1_loss(chosen, target.clamp(min=self.floor))
             loss = error
             if self.anchor is not None:
                 with torch.no_grad():
@@ -165,6 +167,8 @@ class DQNLearner(Learner):
             device=device,
         )
         model.weight = settings.anchor
+        options = env.envs.core.options
+        model.floor = worst(options.params, options.weights)
         self._settings, layers = settings, linear_layers(model.q_net.q_net)
         super().__init__(
             model, layers, settings.timesteps, settings.learning_rate, settings.ema_rate

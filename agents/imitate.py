@@ -20,8 +20,9 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.labels import REWARD, WORST, Decisions
+from agents.labels import REWARD, Decisions
 from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
+from agents.pace import worst
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
@@ -113,7 +114,7 @@ def fit(
     network: Network | None,
     parts: Sequence[Lessons],
     how: Fit,
-    n_joints: int,
+    params: SnakeParams,
     seed: int,
     *,
     last: bool,
@@ -124,7 +125,7 @@ def fit(
         network: The initial network; None: random weights.
         parts: The lessons.
         how: The method's options.
-        n_joints: Joints of the robot.
+        params: The robot.
         seed: Decides the order of the batches, and where a new network begins.
         last: Whether it is the last round.
 
@@ -133,8 +134,9 @@ def fit(
         often that mode is infeasible.
     """
     torch.manual_seed(seed)
+    n, least = params.n_joints, worst(params, REWARD)
     module = (
-        build([observation_size(n_joints), *how.hidden, len(mode_table(n_joints))])
+        build([observation_size(n), *how.hidden, len(mode_table(n))])
         if network is None
         else from_numpy(network.scaled(PREFERENCE))
     )
@@ -152,7 +154,7 @@ def fit(
         costs = cost[rows].float()
         values = symmetric(x[rows]).masked_fill(costs < 0.0, -1e9)
         regret = _regret(costs, how)
-        loss = _loss(values, costs, regret, how)
+        loss = _loss(values, costs, regret, how, least)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -175,7 +177,7 @@ def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
 
 
 def _loss(
-    values: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit
+    values: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit, least: float
 ) -> torch.Tensor:
     """Expected regret of the preferences, their cross-entropy, and the error of the values."""
     log_policy = torch.log_softmax(values / PREFERENCE, dim=1)
@@ -187,7 +189,7 @@ def _loss(
     weight = torch.where(torch.isinf(costs), 0.3, 0.03 + torch.exp(-regret))  # near the best: most
     weight = weight.masked_fill(costs < 0.0, 0.0)
     error = torch.nn.functional.huber_loss(
-        values, action_values(costs), reduction="none", delta=0.5
+        values, action_values(costs, least), reduction="none", delta=0.5
     )
     return (
         expected
@@ -196,7 +198,12 @@ def _loss(
     )
 
 
-def action_values(costs: torch.Tensor) -> torch.Tensor:
-    """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted."""
+def action_values(costs: torch.Tensor, least: float) -> torch.Tensor:
+    """Costs as the reward of train ppo and dqn has them: the return with each mode, undiscounted.
+
+    Args:
+        costs: Intervals to the target with each mode; infinite where it is infeasible.
+        least: What these are worth.
+    """
     value = REWARD.success + REWARD.time * costs
-    return torch.where(torch.isinf(costs), WORST, value)
+    return torch.where(torch.isinf(costs), least, value)

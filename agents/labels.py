@@ -14,9 +14,6 @@ from snake_env.state import IntArray, StateBatch
 
 REWARD = RewardWeights()
 """The env's reward, in whose units action values are learned."""
-WORST = -3.0
-"""Action value of what fails: below all others, but not as far as its return of -30, which would cost
-the others their resolution."""
 STATE_FIELDS = tuple(field.name for field in dataclasses.fields(StateBatch))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.labels import Decisions, join
+from agents.pace import failure
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
@@ -23,12 +24,10 @@ from snake_env.sim.simulation import advance_batch, predict_batch
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
-FAILURE = 30.0
-"""What a mode costs from whose end the target is not reached, beside the mode itself [intervals]."""
 FEW = 3
 """A state with at most so many feasible modes is near a deadlock."""
 _SIDE_BY_SIDE = 64  # episodes
-_LONGEST = 40  # an episode is left after so many decisions
+_LONGEST = 4 / 3  # an episode is left after so many times what a failure is worth
 _NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
 
 
@@ -41,7 +40,7 @@ def judge(states: StateBatch, value: ValueFunction, params: SnakeParams) -> Deci
         params: The constants.
     """
     tree = expand(states, params)
-    after = np.clip(value(tree.states), 0.0, FAILURE)
+    after = np.clip(value(tree.states), 0.0, failure(params))
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
     cost[tree.parent, tree.mode] = 1.0 + after
@@ -107,7 +106,7 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
     scales = slips(shard.slip, count, rng)
     student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
-    for _ in range(_LONGEST):
+    for _ in range(round(_LONGEST * failure(params))):
         if student is None:
             decisions, chosen = _of_teacher(states, shard, scale, rng)
         else:

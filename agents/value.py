@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
+from agents.pace import failure
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
@@ -34,8 +35,7 @@ from snake_env.sim.observation import observation_size, observe
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
-FAILURE = 30.0
-"""What a state is worth from which the target is not reached [intervals]."""
+_LAST = 1e5  # intervals: more than anything is worth
 _EXPLORED = 10  # an episode explores for fewer intervals than this
 _AT_ONCE = 0.25  # share of episodes that don't explore at all
 _SUCCESSORS = 32  # of a state, that are kept for a smaller network; ten joints have up to 466
@@ -100,7 +100,8 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Their lambda-returns, at most :data:`FAILURE`, or what the network says, shape (N,).
+        intervals: Their lambda-returns, at most what a failure is worth (:func:`agents.pace.failure`),
+            or what the network says, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
@@ -140,7 +141,7 @@ def play(shard: Play) -> Returns:
     needed, observations, intervals = _greedy(
         states, value, shard.trace_decay, scales[task], rng, params
     )
-    solved = (explores[task] == 0) & (needed < FAILURE)
+    solved = (explores[task] == 0) & (needed < failure(params))
     return Returns(
         part=shard.part,
         observations=observations,
@@ -190,15 +191,16 @@ def _greedy(
     """Plays greedily from some states, side by side.
 
     Returns:
-        Intervals from each to the target, or FAILURE; the observations on the ways and their
-        lambda-returns, or successors' and what they are worth.
+        Intervals from each to the target, or what a failure is worth; the observations on the ways and
+        their lambda-returns, or successors' and what they are worth.
     """
-    needed = np.full(len(states), FAILURE)
+    longest = failure(params)
+    needed = np.full(len(states), longest)
     seen: list[StateBatch] = []
     said: list[FloatArray] = []
     steps: list[tuple[IntArray, IntArray, FloatArray]] = []
     now, playing = states, np.arange(len(states))
-    while len(playing) and len(steps) < FAILURE:
+    while len(playing) and len(steps) < longest:
         tree = expand(now, params)
         worth = value(tree.states)
         open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
@@ -214,7 +216,8 @@ def _greedy(
         needed[moved[reached]] = len(steps)
         now, playing = now.take(np.flatnonzero(~reached)), moved[~reached]
     if trace_decay is not None:
-        said = _lambda_returns(steps, np.where(needed < FAILURE, 0.0, FAILURE), trace_decay)
+        after = np.where(needed < longest, 0.0, longest)
+        said = _lambda_returns(steps, after, trace_decay, longest)
     observations = np.concatenate([observe(states, params) for states in seen])
     return needed, observations, np.concatenate(said).astype(np.float32)
 
@@ -235,18 +238,21 @@ def _some_of_each(parent: IntArray, rng: np.random.Generator) -> IntArray:
 def _creeping(tree: Expansion, before: StateBatch) -> FloatArray:
     """What keeps a mode that leads nowhere behind all others, as the policies that use the value do."""
     turn = np.abs(tree.states.phi - before.phi[tree.parent]).max(axis=1, initial=0.0)
-    return np.where(turn < CREEPING, 1e3 * FAILURE, 0.0)
+    return np.where(turn < CREEPING, _LAST, 0.0)
 
 
 def _lambda_returns(
-    steps: list[tuple[IntArray, IntArray, FloatArray]], after: FloatArray, trace_decay: float
+    steps: list[tuple[IntArray, IntArray, FloatArray]],
+    after: FloatArray,
+    trace_decay: float,
+    longest: float,
 ) -> list[FloatArray]:
     """The returns of each step's episodes, from what they are worth at the end, ``after``."""
     returns = []
     for playing, moved, worth in reversed(steps):
-        trusted = np.clip(worth, 0.0, FAILURE)
+        trusted = np.clip(worth, 0.0, longest)
         ahead = (1.0 - trace_decay) * trusted + trace_decay * after[moved]
-        after[moved] = np.minimum(1.0 + ahead, FAILURE)
+        after[moved] = np.minimum(1.0 + ahead, longest)
         returns.append(after[playing])
     return returns[::-1]
 

@@ -114,7 +114,7 @@ def train(options: Options, console: Console) -> Path:
                 network,
                 read_lessons(folder.path),
                 options.fit,
-                params.n_joints,
+                params,
                 seed=options.run.seed + 1000 * number,
                 last=number == options.rounds - 1,
             )

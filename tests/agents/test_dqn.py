@@ -14,7 +14,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.dqn import FLOOR, AnchoredDQN, DQNLearner, Settings
+from agents.dqn import AnchoredDQN, DQNLearner, Settings
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -33,6 +33,8 @@ SETTINGS = Settings(
     anchor=0.0,
     ema_rate=0.3,
 )
+
+FLOOR = -3.0  # success 1, less 0.1 for each of 40 intervals
 
 
 def _learner(**changes: object) -> DQNLearner:
@@ -113,8 +115,8 @@ def test_train__is_not_sb3s_otherwise(difference: str) -> None:
 
 def test_targets__are_not_below_the_floor() -> None:
     """With rewards of -30 everywhere the values come down to the floor and stay there."""
-    assert FLOOR == -3.0
     model = _learnt(learning_rate=0.01).model
+    assert model.floor == FLOOR
     assert model.replay_buffer is not None
     model.replay_buffer.rewards[:] = -30.0
     _seeded_update(model, lambda m, *_: m.train(400, 16))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agents.labels import STATE_FIELDS, Decisions
+from agents.pace import failure
 from agents.teacher import (
-    FAILURE,
     FEW,
     Visit,
     collect,
@@ -91,7 +91,7 @@ def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
         assert np.array_equal(decisions.feasible[k], feasible)
         assert np.array_equal(np.isfinite(decisions.cost_to_go[k]), feasible)
         assert decisions.cost_to_go[k].min() >= 1.0
-        assert (decisions.cost_to_go[k][feasible] <= 1.0 + FAILURE).all()
+        assert (decisions.cost_to_go[k][feasible] <= 1.0 + failure(params)).all()
         assert same_state(decisions.states[k], state)
     assert np.array_equal(decisions.mask, action_masks(decisions.states, "instant", params))
     assert decisions.feasible.any()
@@ -198,8 +198,8 @@ def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
         (cost,) = judge(StateBatch.stack([state]), worth, PAPER).cost_to_go
         for mode, after in _after(state, PAPER).items():
             raw = float(worth(StateBatch.stack([after]))[0])
-            assert cost[mode] == pytest.approx(1.0 + min(max(raw, 0.0), FAILURE), abs=1e-4)
-            bounds |= {raw < 0.0, raw > FAILURE}
+            assert cost[mode] == pytest.approx(1.0 + min(max(raw, 0.0), failure(PAPER)), abs=1e-4)
+            bounds |= {raw < 0.0, raw > failure(PAPER)}
             checked += 1
     assert checked > 20
     assert bounds == {True, False}

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from agents import value
-from agents.value import FAILURE, Fit, Play, Returns, fit, play
+from agents.pace import failure
+from agents.value import Fit, Play, Returns, fit, play
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
 from snake_env.policies.one_step import ValuePolicy
@@ -19,6 +20,7 @@ from snake_env.sim.tasks import random_tasks
 from snake_env.state import SnakeState, StateBatch
 
 FIVE = SnakeParams(n_joints=5)
+FAILURE = failure(FIVE)
 SHARD = Play(seed=3, generation=1, part=2, count=64, network=None, trace_decay=1.0, params=FIVE)
 
 
