@@ -61,10 +61,10 @@ def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
 def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> None:
     lesson = lessons(decisions, PARAMS)
     how = Fit(hidden=(64,), epochs=1, batch_size=24)
-    first, before = fit(None, [lesson], how, PAPER, seed=0, last=False)
+    first, before = fit(None, [lesson], how, PARAMS, seed=0, last=False)
     network: Network = first
     how = dataclasses.replace(how, epochs=1500, learning_rate=3e-3)
-    network, after = fit(network, [lesson], how, PAPER, seed=1, last=False)
+    network, after = fit(network, [lesson], how, PARAMS, seed=1, last=False)
     assert after["regret"] + after["infeasible"] < 0.3 * (before["regret"] + before["infeasible"])
 
 
@@ -72,7 +72,7 @@ def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
     lesson = lessons(decisions, PARAMS)
     how = Fit(hidden=(8,), last_epochs=2, batch_size=8)
     one, other, third = (
-        fit(None, [lesson], how, PAPER, seed=seed, last=True)[0] for seed in (0, 0, 1)
+        fit(None, [lesson], how, PARAMS, seed=seed, last=True)[0] for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(one.weights[0], other.weights[0])
     assert not np.array_equal(one.weights[0], third.weights[0])
@@ -81,7 +81,7 @@ def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
 def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
     lesson = lessons(decisions, PARAMS)
     how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
-    network, _ = fit(None, [lesson], how, PAPER, seed=0, last=False)
+    network, _ = fit(None, [lesson], how, PARAMS, seed=0, last=False)
     estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)
     good = lesson.cost.min(axis=1, where=lesson.cost >= 0.0, initial=np.inf)[:, None] + 1.0
     near = (lesson.cost >= 0.0) & (lesson.cost <= good)
