@@ -145,6 +145,7 @@ class DQNLearner(Learner):
     """
 
     name = "dqn"
+    action_values = True
     model: AnchoredDQN
 
     def __init__(self, settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> None:

@@ -39,10 +39,12 @@ class Learner(ABC):
 
     Attributes:
         name: What the command is called.
+        action_values: Whether its policy's preferences are action values.
         model: The algorithm.
     """
 
     name: ClassVar[str]
+    action_values: ClassVar[bool]
 
     def __init__(
         self,

@@ -93,6 +93,7 @@ class PPOLearner(Learner):
     """
 
     name = "ppo"
+    action_values = False
     model: PPO
 
     def __init__(self, settings: Settings, env: SnakeVecEnv, seed: int, device: str) -> None:

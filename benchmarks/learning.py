@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,12 @@ _STYLE: dict[str, Any] = {
 }
 
 
-def collect(recipe: Path) -> dict[str, Any]:
+def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
     """The figures of a finished recipe.
+
+    Args:
+        recipe: Its folder.
+        robots: Those that there are results of.
 
     Returns:
         ``robot``, ``command``, ``git``, ``seed``; ``minutes`` of each step; ``final``: how its models
@@ -40,11 +44,15 @@ def collect(recipe: Path) -> dict[str, Any]:
         InvalidInputError: It is no finished recipe, or damaged.
     """
     about = read_about(recipe, "recipes")
+    if about["algorithm"] != "recipe-full" or about["robot"] not in robots:
+        found = f"{recipe}: {about['algorithm']} of {about['robot']}"
+        expected = f"recipes with --budget full, of {', '.join(robots)}"
+        raise InvalidInputError("recipes", found, expected)
     names = [", ".join(level) for level in ORDER]
     minutes = [float(row["minutes"]) for row in read_log(recipe / "log.csv")]
     if len(minutes) < len(names):
         raise InvalidInputError("recipes", str(recipe), "a finished recipe (--resume finishes it)")
-    student = read_log(recipe / "imitate" / "log.csv")[-1]
+    *_, student = read_log(recipe / "imitate" / "log.csv", "round")
     curves = {}
     for learner in LEARNERS:
         rows = [row for row in read_log(recipe / learner / "log.csv") if row["raw_success"]]

@@ -64,6 +64,7 @@ EVALUATIONS = {
     "hardware": Evaluation("hardware", "test-2k", slip=(0.001, 0.005)),
 }
 """By the name of the file in ``docs/data``."""
+ROBOTS = tuple(name for name in EVALUATIONS if name != "experiment")
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def main(args: list[str] | None = None) -> int:
         writable_folder(DATA)
         for name, figures in found.items():  # all at once: until then the tree is as committed
             write_atomically(DATA / f"{name}.json", _text(figures))
-    for recipe in map(learning.collect, options.recipes):
+    for recipe in [learning.collect(folder, ROBOTS) for folder in options.recipes]:
         write_atomically(DATA / f"recipe-{recipe['robot']}.json", _text(recipe))
     recipes = _recipes()
     if recipes:
@@ -156,7 +157,7 @@ def page() -> str:
         "estimate": _estimate,
         "names": _names,
     }
-    robots = {name: _data(name) for name in EVALUATIONS if name != "experiment"}
+    robots = {name: _data(name) for name in ROBOTS}
     return environment.get_template(TEMPLATE).render(
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
@@ -177,14 +178,14 @@ def _data(name: str) -> Any:
 
 def _recipes() -> dict[str, Any]:
     """What the recipes of the robots have learned."""
-    found = {robot: _data(f"recipe-{robot}") for robot in EVALUATIONS}
+    found = {robot: _data(f"recipe-{robot}") for robot in ROBOTS}
     return {robot: recipe for robot, recipe in found.items() if recipe}
 
 
 def _origins() -> dict[str, list[str]]:
     """The robots whose networks the recipe made, those with older ones, and those without any."""
     found: dict[str, list[str]] = {"recipe": [], "older": [], "none": []}
-    for robot in (name for name in EVALUATIONS if name != "experiment"):
+    for robot in ROBOTS:
         params = SnakeParams.preset(robot)
         models = [model for model in shipped("ppo") if not params.differences(model.params)]
         origin = "none" if not models else "recipe" if "stages" in models[0].made else "older"

@@ -166,9 +166,11 @@ def _check_summary(summary: Any) -> None:
     check_slip(summary["slip"])
     if not summary["policies"]:
         raise ValueError("no policies")
+    models = summary.setdefault("models", {})  # a version before this did not tell
     for name in summary["policies"]:
-        if not all(type(digest) is str for digest in summary["models"][name]):
-            raise ValueError(f"models of {name} are {summary['models'][name]!r}")
+        digests = models.setdefault(name, [])
+        if type(digests) is not list or not all(type(digest) is str for digest in digests):
+            raise ValueError(f"models of {name} are {digests!r}")
     for figures in summary["policies"].values():
         for key in ("p50", "p95", "p99"):
             value = figures["decision_latency_us"][key]

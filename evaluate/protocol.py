@@ -83,8 +83,7 @@ def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> list[s
             raise InvalidInputError("slip", slip, f"no slip for {SKID}: it has no intervals")
         return []
     try:
-        models = models_of(make_policy(name, params))
-        return [model.sha256 for model in models if model.sha256]
+        return _digests(make_policy(name, params))
     except UnknownNameError as error:
         known = [*error.known, SKID] if error.kind == "policy" else error.known
         raise UnknownNameError(error.kind, error.name, known) from None
@@ -96,6 +95,10 @@ def run_shard(shard: Shard) -> list[Row]:
         return _rows_of(shard)
 
 
+def _digests(policy: Policy) -> list[str]:
+    return [model.sha256 for model in models_of(policy) if model.sha256]
+
+
 def _policy_of(shard: Shard) -> Policy:
     if shard.models is None or is_outside(shard.policy):
         return make_policy(shard.policy, shard.params)
@@ -104,7 +107,11 @@ def _policy_of(shard: Shard) -> Policy:
 
 @functools.lru_cache(maxsize=8)
 def _made(name: str, params: SnakeParams, models: tuple[str, ...]) -> Policy:
-    return make_policy(name, params)
+    policy = make_policy(name, params)
+    if tuple(_digests(policy)) != models:
+        expected = "the model file that the evaluation began with: it has changed since"
+        raise InvalidInputError("policy", name, expected)
+    return policy
 
 
 def _rows_of(shard: Shard) -> list[Row]:

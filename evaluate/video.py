@@ -98,7 +98,7 @@ def _wanted(
         task = int(name)
         runs = {p: next(row for row in rows[p] if row["task"] == task) for p in policies}
         second = fastest_other(choosing, runs, choosing[0])
-        choice = Choice(task, "", "", choosing[0], second)
+        choice = Choice(task, "", "", choosing[0], second, choosing[0])
         wanted.append(Replayed(f"task {task}", choice, suite.initial(task, params), runs))
     return wanted
 

@@ -82,19 +82,20 @@ class Options:
 def train(options: Options, console: Console) -> None:
     """Writes ``NAME.safetensors`` and ``NAME.md`` for each model."""
     about = read_about(options.run, "run")
-    git = about["git"]
-    if options.into == PACKAGE and (git is None or git.endswith("+")):
+    git, ships = about["git"], options.into.resolve() == PACKAGE.resolve()
+    if ships and (git is None or git.endswith("+")):
         expected = "a run of a committed revision: its source had been changed (or --into DIR)"
         raise InvalidInputError("git", git, expected)
     written = {}
-    for name, file in _models(options, about).items():
+    for name, file in _models(options, about, ships).items():
         if not _NAME.fullmatch(name):
             expected = "a name of at most 60 letters, digits and -_.=,"
             raise InvalidInputError("name", name, expected)
         model = read_model(file)
         critic = _critic(model)
-        if options.into == PACKAGE and (options.run / "models").is_dir() and model.critic:
-            model, critic = dataclasses.replace(model, critic=None), "the model `value` beside it"
+        if ships and (options.run / "models").is_dir() and model.critic:
+            beside = name.replace(name.partition("-")[0], "value", 1)
+            model, critic = dataclasses.replace(model, critic=None), f"the model `{beside}`"
         made = {**model.made, "git": git, "versions": about["versions"]}
         path = options.into / f"{name}.safetensors"
         try:
@@ -114,7 +115,7 @@ def train(options: Options, console: Console) -> None:
         console.print(f"{path}", soft_wrap=True)
 
 
-def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
+def _models(options: Options, about: dict[str, Any], ships: bool) -> dict[str, Path]:
     """The models of a recipe, or of a run, by the names that they get."""
     robot = about["robot"]
     suffix = "" if robot == "paper" else f"-{robot}"
@@ -125,7 +126,7 @@ def _models(options: Options, about: dict[str, Any]) -> dict[str, Path]:
         if not (models / TABLE).is_file():
             expected = "a finished recipe: --resume continues it"
             raise InvalidInputError("run", str(options.run), expected)
-        names = SHIPPED if options.into == PACKAGE and robot != "paper" else SOURCES
+        names = SHIPPED if ships and robot != "paper" else SOURCES
         return {f"{name}{suffix}": models / f"{name}.safetensors" for name in names}
     file = next((options.run / f for f in _FILES if (options.run / f).is_file()), None)
     if file is None:

@@ -175,7 +175,12 @@ def train(
                 **more,
             }
             kept = Model(
-                "policy", params, learner.network(), made, ranker or learner.critic(params)
+                "policy",
+                params,
+                learner.network(),
+                made,
+                ranker or learner.critic(params),
+                action_values=learner.action_values,
             )
             write_model(folder.path / "last.safetensors", kept)
             return kept

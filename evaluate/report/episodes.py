@@ -23,6 +23,7 @@ class Choice:
         why: What is to be seen.
         left: The policy shown on the left at first.
         right: The policy shown on the right at first.
+        of: The policy whose episode it is about.
     """
 
     task: int
@@ -30,6 +31,7 @@ class Choice:
     why: str
     left: str
     right: str
+    of: str
 
 
 def choose(
@@ -76,7 +78,7 @@ def _typical(policies: Sequence[str], tables: Tables) -> Iterator[Choice]:
         task = row["task"]
         runs = {policy: tables[policy][task] for policy in policies}
         why = f"{name} task of {first}"
-        yield Choice(task, "Typical", why, first, fastest_other(policies, runs, first))
+        yield Choice(task, "Typical", why, first, fastest_other(policies, runs, first), first)
 
 
 def _failures(policies: Sequence[str], tables: Tables) -> Iterator[Choice]:
@@ -87,7 +89,8 @@ def _failures(policies: Sequence[str], tables: Tables) -> Iterator[Choice]:
             runs = {other: tables[other][row["task"]] for other in policies}
             better = fastest_other(policies, runs, policy)
             why = f"{policy}: {cause} in phase {row['phase']}"
-            yield Choice(row["task"], "Failures", why, *_ordered(policies, policy, better))
+            sides = _ordered(policies, policy, better)
+            yield Choice(row["task"], "Failures", why, *sides, policy)
 
 
 def _disagreements(
@@ -106,7 +109,9 @@ def _disagreements(
             task, gap = ranking.pop(0)
             taken.add(task)
             word = "slower" if gap > 0 else "faster"
-            yield Choice(task, "Disagreements", f"{policy}: {abs(gap):.0f} s {word}", first, policy)
+            yield Choice(
+                task, "Disagreements", f"{policy}: {abs(gap):.0f} s {word}", first, policy, policy
+            )
             if len(taken) == most:
                 return
 

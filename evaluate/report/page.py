@@ -85,7 +85,7 @@ def render(
         charts=_charts(compared, rows, like_paper),
         pairs=_pairs(summary),
         failures=_failures(policies, rows, params),
-        sides=("left", "right") if len(policies) > 1 else ("left",),
+        sides=("left", "right") if len(that_choose(policies)) > 1 else ("left",),
         replayed={episode["name"] for episode in replays["episodes"]},
         replays=_json(replays),
         frame_s=replays["robot"]["frame_s"],

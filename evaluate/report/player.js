@@ -80,9 +80,9 @@ class Player {
     for (const side of this.sides) side.select.value = episode[side.name];
     this.time = this.begin = 0;
     this.choose();
-    const violation = this.sides.find(({ run }) => run.violated);
-    if (episode.group !== "Failures" || !violation) return;
-    this.begin = Math.max(0, violation.run.end - LEAD_S);
+    const failed = this.sides.find(({ select }) => Number(select.value) === episode.of);
+    if (episode.group !== "Failures" || !failed?.run.violated) return;
+    this.begin = Math.max(0, failed.run.end - LEAD_S);
     this.seek(this.begin);
   }
 
@@ -124,7 +124,7 @@ class Player {
       return `joint ${1 + angles.indexOf(Math.max(...angles))} passed its limit${phase}`;
     }
     const still = run.outcome === "deadlock" && run.end < run.time;
-    const since = still ? `: nothing moves after ${run.end.toFixed(0)} s` : "";
+    const since = still ? `: nothing moves after ${(run.end - this.robot.delta_t).toFixed(0)} s` : "";
     return (WHY[run.outcome] ?? run.outcome) + phase + since;
   }
 

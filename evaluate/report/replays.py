@@ -76,6 +76,7 @@ def sim_1(
         why="simulation 1 of the paper, not among these tasks",
         left=choosing[0],
         right=fastest_other(choosing, played, choosing[0]),
+        of=choosing[0],
     )
     return [Replayed(SIM_1, choice, state, played)]
 
@@ -126,6 +127,7 @@ def _episode(policies: Sequence[str], episode: Replayed, params: SnakeParams) ->
         "why": choice.why,
         "left": policies.index(choice.left),
         "right": policies.index(choice.right),
+        "of": policies.index(choice.of),
         "target": encode_angles(episode.state.target),
         "runs": [_run(episode.rows[policy], episode.state, params) for policy in policies],
     }

@@ -23,7 +23,8 @@ from snake_env.networks.network import ACTIVATIONS, Network
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
 
-SCHEMA = 2
+SCHEMAS = (2, 3)
+"""Of files; a file of schema 2 holds networks with ReLU that are asked about mirror images."""
 _CRITIC = "critic."
 _PLAIN = {"network": None, "activation": "relu", "symmetric": True}  # where a file says nothing
 LARGEST_FILE = 256 * 2**20
@@ -55,6 +56,8 @@ class Model:
             model of the kind ``value`` or ``quick-value``, or None.
         symmetric: Whether the mean of its network's answers about a state and its mirror image counts,
             or the answer about the state alone. A ``quick-value`` has one answer.
+        action_values: Whether a policy's preferences are action values, so that it can rank states
+            without a critic.
         sha256: Of its file; empty where it has none.
     """
 
@@ -64,6 +67,7 @@ class Model:
     made: Mapping[str, Any] = field(default_factory=dict)
     critic: Model | None = None
     symmetric: bool = True
+    action_values: bool = False
     sha256: str = ""
 
     def check(self, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> None:
@@ -96,19 +100,29 @@ class Model:
 
 
 def write_model(path: Path, model: Model) -> None:
-    """Writes a model to ``path`` (``.safetensors``), atomically."""
+    """Writes a model to ``path`` (``.safetensors``), atomically.
+
+    Raises:
+        InvalidInputError: Its numbers can't be used.
+    """
+    models = [model] if model.critic is None else [model, model.critic]
+    for each in models:
+        _check_numbers(path, each.network)
     tensors = _tensors(model.network)
     if model.critic is not None:
         tensors |= {_CRITIC + name: t for name, t in _tensors(model.critic.network).items()}
+    about = [_about(each) for each in models]
+    plain = all(each["activation"] == "relu" and each["symmetric"] for each in about)
     manifest = {
-        "schema": SCHEMA,
-        **_about(model),
+        "schema": SCHEMAS[0] if plain else SCHEMAS[1],  # older readers refuse what they can't play
+        **about[0],
+        "action_values": model.action_values,
         "params": dataclasses.asdict(model.params),
         "observation": [list(row) for row in observation_rows(model.params.n_joints)],
         "made": dict(model.made),
     }
     if model.critic is not None:
-        manifest["critic"] = _about(model.critic)
+        manifest["critic"] = about[1]
     manifest = json.loads(json.dumps(manifest))  # as it will be read
     manifest["sha256"] = _digest(manifest, _split(save(tensors))[1])
     # one key: with more of them their order would be random, and so would the file's bytes
@@ -143,7 +157,7 @@ def read_model(path: Path) -> Model:
         raise _bad(path, f"a safetensors file ({error})") from None
     if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
         raise _bad(path, "the file as it was written (its sha256 differs)")
-    manifest = {**_PLAIN, **manifest}
+    manifest = {**_PLAIN, "action_values": False, **manifest}
     params = _read_params(path, manifest["params"])
     own = {name: t for name, t in tensors.items() if not name.startswith(_CRITIC)}
     others = {name.removeprefix(_CRITIC): t for name, t in tensors.items() if name not in own}
@@ -165,6 +179,7 @@ def read_model(path: Path) -> Model:
         manifest["made"],
         critic,
         _read_symmetric(path, manifest),
+        action_values=manifest["action_values"] is True,
         sha256=hashlib.sha256(data).hexdigest(),
     )
 
@@ -207,8 +222,8 @@ def _read_manifest(path: Path, data: bytes) -> tuple[dict[str, Any], bytes]:
         manifest = json.loads(json.loads(header)["__metadata__"]["manifest"])
     except (ValueError, TypeError, KeyError, RecursionError):
         raise _bad(path, "a model with a manifest in its header") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise _bad(path, f"a manifest of schema {SCHEMA}")
+    if not isinstance(manifest, dict) or manifest.get("schema") not in SCHEMAS:
+        raise _bad(path, f"a manifest of schema {' or '.join(map(str, SCHEMAS))}")
     if manifest.get("kind") not in get_args(Kind):
         raise _bad(path, f"kind {' or '.join(get_args(Kind))}")
     wanted = {"params": dict, "made": dict, "network": list, "sha256": str}
@@ -260,9 +275,13 @@ def _read_network(
         weights=[tensors[f"weight.{k}"] for k in range(layers)],
         biases=[tensors[f"bias.{k}"] for k in range(layers)],
     )
+    _check_numbers(path, network)
+    return network
+
+
+def _check_numbers(path: Path, network: Network) -> None:
     if not network.largest_output() <= LARGEST_OUTPUT:  # nor is NaN
         raise _bad(path, "finite float32 numbers, of a size that a network can work with")
-    return network
 
 
 def _read_symmetric(path: Path, manifest: dict[str, Any]) -> bool:

@@ -26,8 +26,10 @@ class Policy(Protocol):
 
 
 def models_of(user: Any) -> tuple[Model, ...]:
-    """The models that a policy or a value function works with, where it has any."""
-    return getattr(user, "models", ())
+    """The models that a policy or a value function of this package works with."""
+    models = getattr(user, "models", ())  # a policy from elsewhere may have anything of that name
+    own = isinstance(models, tuple) and all(isinstance(each, Model) for each in models)
+    return models if own else ()
 
 
 CANDIDATES = 8

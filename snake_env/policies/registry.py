@@ -211,10 +211,14 @@ def _with_critic(
     if number is None or number < 1:
         raise InvalidInputError("k", k, "a positive integer")
     [model] = policy.models
-    critic = model.critic
-    value: ValueFunction = (
-        NetworkValue(critic, params, transfer) if critic else ActionValue(model, params)
-    )
+    value: ValueFunction
+    if model.critic is not None:
+        value = NetworkValue(model.critic, params, transfer)
+    elif model.action_values:
+        value = ActionValue(model, params)
+    else:
+        expected = "a model file that holds a critic or action values"
+        raise InvalidInputError("policy", f"{title}{CRITIC}", expected)
     return CriticPolicy(policy, value, params, number)
 
 

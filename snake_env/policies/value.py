@@ -15,7 +15,7 @@ from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, asked
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
-from snake_env.sim.observation import observe
+from snake_env.sim.observation import get_observation_kernel, observe
 from snake_env.state import FloatArray, StateBatch
 
 
@@ -60,6 +60,7 @@ class NetworkValue:
         quick = model.kind == "quick-value"
         model.check(params, "quick-value" if quick else "value", transfer=transfer)
         self.models = (model,)
+        get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
         n = params.n_joints
         self._asked = (
@@ -97,6 +98,7 @@ class ActionValue:
     """
 
     def __init__(self, model: Model, params: SnakeParams) -> None:
+        get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
         self._network = asked(model.network, params.n_joints, model.symmetric)
 

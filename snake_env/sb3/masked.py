@@ -82,7 +82,7 @@ class ObservationExtractor(BaseFeaturesExtractor):
         return observations["observation"]
 
 
-class _WithMask(BaseFeaturesExtractor):
+class ObservationWithMask(BaseFeaturesExtractor):
     """The observation with the mask behind it."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
@@ -90,6 +90,7 @@ class _WithMask(BaseFeaturesExtractor):
         super().__init__(observation_space, sum(_size(observation_space[p]) for p in _PARTS))
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """The observation proper and the mask, shape (N, observation_size + n_modes)."""
         mask = checked_mask(observations["action_mask"])
         return torch.cat([observations["observation"], mask], dim=1)
 
@@ -128,7 +129,7 @@ class MaskedActorCriticPolicy(ActorCriticPolicy):
     action_space: spaces.Discrete
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs |= {"features_extractor_class": _WithMask, "normalize_images": False}
+        kwargs |= {"features_extractor_class": ObservationWithMask, "normalize_images": False}
         super().__init__(*args, **kwargs)
 
     def _build_mlp_extractor(self) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.dqn.policies import DQNPolicy
 from torch import nn
 
@@ -19,9 +22,15 @@ from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE, Model, write_model
 from snake_env.networks.network import Activation, Network
 from snake_env.params import SnakeParams
-from snake_env.sb3.masked import MaskedActorCriticPolicy, MaskedQNetwork
+from snake_env.sb3.masked import (
+    MaskedActorCriticPolicy,
+    MaskedQNetwork,
+    ObservationExtractor,
+    ObservationWithMask,
+)
 from snake_env.sim.observation import observation_size
 
+_USUAL = RewardWeights()
 _ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: "relu", nn.Tanh: "tanh"}
 
 
@@ -35,59 +44,113 @@ def write_sb3_model(
 ) -> Path:
     """Writes a model as a file that ``load_policy`` and ``python -m evaluate`` take.
 
-    That policy chooses what ``model.predict(..., deterministic=True)`` chooses, and no mode
-    twice where the robot has not moved (the no-repeat rule). What PPO's critic has learned becomes the
-    critic of ``+critic``.
+    That policy chooses what ``model.predict(..., deterministic=True)`` chooses, where the mask leaves
+    that open, and no mode twice where the robot has not moved (the no-repeat rule). What PPO's critic
+    or DQN have learned about states serves ``+critic``.
 
     Args:
         model: PPO, MaskablePPO or A2C with a policy of the kind ``MlpPolicy`` or
             :class:`MaskedActorCriticPolicy`, or DQN with ``MlpPolicy`` or :class:`MaskedDQNPolicy`;
-            its hidden layers have ReLU or Tanh. It has seen observations as they are, without
-            ``VecNormalize``.
+            its hidden layers have ReLU or Tanh. It sees observations as they are.
         path: Where to, ``.safetensors``.
-        params: The robot that it was trained with; default: the preset ``paper``.
-        reward_weights: What the env was given, if anything: critics count in reward. Where it has
-            shaping, cost or violation terms the file gets no critic.
+        params: The robot that it was trained with; default: that of the model's env.
+        reward_weights: What that env was given; default: what it has. Networks count in reward: with
+            terms for shaping, cost or violations the file can't be used with ``+critic``.
         made: What the file shall tell about how it was made.
 
     Returns:
         The file's path.
 
     Raises:
-        InvalidInputError: A network of another kind, or for another robot.
+        InvalidInputError: A network of another kind or for another robot, or a value that can't be
+            used.
         UnknownNameError: No such term of the reward.
     """
-    robot, weights = params or SnakeParams(), checked_weights(reward_weights or {})
+    file = Path(path)
+    if file.suffix != ".safetensors":
+        raise InvalidInputError("path", str(file), "a file whose name ends in .safetensors")
+    robot, weights = _trained_for(model, params, reward_weights)
+    told = _checked_made(made)
     policy: Any = model.policy
-    critic = None
-    if hasattr(policy, "mlp_extractor"):  # sb3-contrib's are no ActorCriticPolicy
+    is_actor = hasattr(policy, "mlp_extractor")  # sb3-contrib's are no ActorCriticPolicy
+    if not (is_actor or isinstance(policy, DQNPolicy)):
+        expected = "a policy of PPO, MaskablePPO, A2C or DQN"
+        raise InvalidInputError("policy", type(policy).__name__, expected)
+    _check_input(model)
+    ranks = weights.time < 0.0 and not (weights.shaping or weights.cost or weights.violation)
+    critic, values = None, False
+    if is_actor:
         symmetric = isinstance(policy, MaskedActorCriticPolicy)
         extractor = policy.mlp_extractor
         network = _network([*extractor.policy_net, policy.action_net])
-        if weights.time and not (weights.shaping or weights.cost or weights.violation):
+        if ranks:
             worth = _network([*extractor.value_net, policy.value_net])
             critic = Model("value", robot, in_intervals(worth, weights), symmetric=symmetric)
-    elif isinstance(policy, DQNPolicy):
-        symmetric = isinstance(policy.q_net, MaskedQNetwork)
-        network = _network(list(policy.q_net.q_net)).scaled(1.0 / PREFERENCE)
     else:
-        expected = "a policy of PPO, MaskablePPO, A2C or DQN"
-        raise InvalidInputError("policy", type(policy).__name__, expected)
+        symmetric, values = isinstance(policy.q_net, MaskedQNetwork), ranks
+        network = _network(list(policy.q_net.q_net))
+        if ranks:  # in the units of the default reward, as files have them
+            network = _shifted(in_intervals(network, weights).scaled(_USUAL.time), _USUAL.success)
+        network = network.scaled(1.0 / PREFERENCE)
     wanted = observation_size(robot.n_joints), len(mode_table(robot.n_joints))
     if (network.sizes[0], network.sizes[-1]) != wanted:
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"
         raise InvalidInputError("network", network.sizes, expected)
-    file = Path(path)
-    write_model(file, Model("policy", robot, network, made or {}, critic, symmetric))
+    write_model(file, Model("policy", robot, network, told, critic, symmetric, values))
     return file
+
+
+def _trained_for(
+    model: BaseAlgorithm, params: SnakeParams | None, reward_weights: Mapping[str, float] | None
+) -> tuple[SnakeParams, RewardWeights]:
+    """The robot and the reward: those of the model's env, which must not contradict what is given."""
+    if not isinstance(params, SnakeParams | None):
+        raise InvalidInputError("params", params, "SnakeParams")
+    env, options = model.get_env(), None
+    with contextlib.suppress(AttributeError):  # no env of this package
+        options = None if env is None else env.get_attr("core")[0].options
+    if options is None:
+        if params is None:
+            raise InvalidInputError("params", None, "the robot: the model has no env that tells it")
+        return params, checked_weights(reward_weights or {})
+    different = {} if params is None else options.params.differences(params)
+    if different:
+        expected = f"the robot of the model's env, which differs in {', '.join(different)}"
+        raise InvalidInputError("params", params, expected)
+    weights = checked_weights(reward_weights) if reward_weights is not None else options.weights
+    return options.params, weights
+
+
+def _checked_made(made: Mapping[str, Any] | None) -> dict[str, Any]:
+    try:
+        told = {} if made is None else json.loads(json.dumps(made))
+    except (TypeError, ValueError):
+        told = None
+    if not isinstance(told, dict):
+        raise InvalidInputError("made", made, "a dict that JSON can hold")
+    return told
+
+
+def _check_input(model: BaseAlgorithm) -> None:
+    """Raises InvalidInputError unless the networks see observations as they are."""
+    if model.get_vec_normalize_env() is not None:
+        raise InvalidInputError("model", "trained with VecNormalize", "observations as they are")
+    policy: Any = model.policy
+    extractor = getattr(policy, "q_net", policy).features_extractor
+    if type(extractor) not in (FlattenExtractor, ObservationExtractor, ObservationWithMask):
+        expected = "FlattenExtractor, or that of a policy of snake_env.sb3"
+        raise InvalidInputError("features_extractor_class", type(extractor).__name__, expected)
+
+
+def _shifted(network: Network, offset: float) -> Network:
+    """The network whose outputs are larger by so much."""
+    *biases, last = network.biases
+    return dataclasses.replace(network, biases=[*biases, last + np.float32(offset)])
 
 
 def in_intervals(network: Network, weights: RewardWeights) -> Network:
     """A critic's network, from reward into the intervals that a state still needs."""
-    scaled = network.scaled(1.0 / weights.time)
-    *biases, last = scaled.biases
-    offset = np.float32(weights.success / weights.time)
-    return dataclasses.replace(scaled, biases=[*biases, last - offset])
+    return _shifted(network.scaled(1.0 / weights.time), -weights.success / weights.time)
 
 
 def _network(modules: Sequence[nn.Module]) -> Network:

@@ -49,7 +49,7 @@ def recipe(tmp_path: Path) -> Path:
 
 
 def test_figures__are_those_of_the_folder(recipe: Path) -> None:
-    assert collect(recipe) == {
+    assert collect(recipe, ["six"]) == {
         "robot": "six",
         "command": "python -m train recipe",
         "git": "0123",
@@ -62,13 +62,22 @@ def test_figures__are_those_of_the_folder(recipe: Path) -> None:
             "dqn": [[0.0, 0.5, 0.6], [0.5, 0.55, 0.65]],
         },
     }
+    with pytest.raises(
+        InvalidInputError, match=r"recipe-full of six'?: expected recipes .* of ten"
+    ):
+        collect(recipe, ["ten"])
+    about = json.loads((recipe / "run.json").read_text())
+    (recipe / "run.json").write_text(json.dumps({**about, "algorithm": "recipe-quick"}))
+    with pytest.raises(InvalidInputError, match=r"expected recipes with --budget full"):
+        collect(recipe, ["six"])
+    (recipe / "run.json").write_text(json.dumps(about))
     (recipe / "log.csv").write_text("step,minutes\n1,1.5\n")
     with pytest.raises(InvalidInputError, match=r"recipes = .*: expected a finished recipe"):
-        collect(recipe)
+        collect(recipe, ["six"])
 
 
 def test_picture__has_the_curves_their_intervals_and_the_optimisers_line(recipe: Path) -> None:
-    figure = learning._figure({"six": collect(recipe), "other": collect(recipe)})
+    figure = learning._figure({name: collect(recipe, ["six"]) for name in ("six", "other")})
     panel, other = figure.axes
     assert (panel.get_title(), other.get_title()) == ("six", "other")
     lines = {line.get_label(): line for line in panel.lines}
@@ -96,6 +105,6 @@ def test_results__show_a_recipe(
     (recipe / "models" / "validation.json").write_text(json.dumps(told))
     assert results.main(["--recipes", str(recipe)]) == 0
     page = (tmp_path / "page").read_text()
-    assert "| `six` | 1.5 | 2.5 | 3.5 | 4.5 | 5.5 | 6.5 | 24 |" in page
-    assert "| `six` | 30 | 41 | 41 | 41 | 31 | 41 | 32 | 41 |" in page
+    assert "| `six` | `0123` | 1.5 | 2.5 | 3.5 | 4.5 | 5.5 | 6.5 | 24 |" in page
+    assert "| `six` | 50 | 30 | 41 | 41 | 41 | 31 | 41 | 32 | 41 |" in page
     assert (tmp_path / "curves").read_bytes().startswith(b"\x89PNG")

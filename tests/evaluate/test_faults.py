@@ -136,6 +136,29 @@ def test_results_of_one_model__are_not_resumed_with_another(
     assert run(stop=False) == 2
 
 
+def test_model_that_changes_while_it_is_evaluated__is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, suite = tmp_path / "a.safetensors", command.load_tasks
+
+    def changed(name: str, params: SnakeParams) -> Any:
+        shutil.copy(PPO.with_name("imitate.safetensors"), model)
+        return suite(name, params)
+
+    shutil.copy(PPO, model)
+    monkeypatch.setattr(command, "load_tasks", changed)  # between the check and the first shard
+    assert _evaluate(f"{model} --no-pictures") == 2
+    assert "it has changed since" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["with_texts", "with_none"])
+def test_own_policy__may_have_models_of_its_own(name: str, tmp_path: Path) -> None:
+    words = f"first-feasible --policy {OTHERS}:{name} --policy {OTHERS}:{name}+shield"
+    assert _evaluate(words, "--out", tmp_path, "--no-pictures") == 0
+    models = json.loads((tmp_path / "summary.json").read_text())["models"]
+    assert set(map(tuple, models.values())) == {()}
+
+
 def test_policy__is_made_once_for_all_shards_of_a_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
     make_policy = protocol.make_policy

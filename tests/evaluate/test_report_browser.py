@@ -213,12 +213,35 @@ def test_failures__are_shown_from_shortly_before_the_violation(opened: Opened) -
         assert re.match(words[cause], ending)
         end = float(ending.split()[-2])
         begun = opened.time()
+        assert page.eval_on_selector("#left", "list => list.value") == "2"
         assert begun == pytest.approx(max(0.0, end - 6.0), abs=0.11)
         before = opened.pixels()
         page.fill("#scrub", str(end + 0.1))
         assert opened.pixels() != before
         seen.add(cause)
     assert "stability" in seen
+
+
+def test_endings__name_the_joint_and_when_the_robot_stopped(browser: Any) -> None:
+    scripts = [ROOT / "evaluate" / "report" / name for name in ("robot.js", "player.js")]
+    call = """run => {
+      const robot = { delta_t: 3 };
+      const whole = { phases: [1, 1, 2], lastPhase: 2, at: () => ({ phi: run.phi }), ...run };
+      return Player.prototype.outcome.call({ robot }, whole);
+    }"""
+    cases = {
+        "joint 3 passed its limit in phase 2": ("joint_limit", [0.1, -0.2, -1.6, 1.5], 7.3, 7.3),
+        "deadlock in phase 2: nothing moves after 30 s": ("deadlock", [0.0], 33.0, 300.0),
+        "deadlock in phase 2": ("deadlock", [0.0], 33.0, 33.0),
+        "out of time in phase 2": ("horizon", [0.0], 300.0, 300.0),
+        "links touched in phase 2": ("collision", [0.0], 5.0, 5.1),
+    }
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.add_script_tag(content="\n".join(script.read_text() for script in scripts))
+        for words, (outcome, phi, end, time) in cases.items():
+            run = {"outcome": outcome, "phi": phi, "end": end, "time": time, "solved": False}
+            assert page.evaluate(call, run) == words
 
 
 def test_centre_of_gravity__is_red_where_nothing_supports_it(browser: Any) -> None:

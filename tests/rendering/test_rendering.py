@@ -107,13 +107,19 @@ def test_centre_of_gravity__is_red_where_the_robot_tips_over(sim_1: SnakeState) 
 
 
 def test_gif__is_filled_by_start_target_and_motion(sim_1: SnakeState, tmp_path: Path) -> None:
-    scenes = motion_scenes(sim_1, 85, PAPER)
-    painter = Painter(PAPER)
-    painter.begin(scenes)
+    away = still_scene(sim_1.replace(w=np.array([-0.8, 0.3, 3.0])), PAPER)
+    scenes = [*motion_scenes(sim_1, 85, PAPER), away]  # at last it is somewhere else
+    save_gif(scenes, tmp_path / "motion.gif", PAPER)
     drawn = np.zeros((480 - 64, 640), dtype=bool)
-    for scene in scenes:
-        frame = painter.frame(scene)[64:]
-        drawn |= np.abs(frame.astype(int) - frame[0, 0]).max(axis=2) > 25
+    heads = []
+    with Image.open(tmp_path / "motion.gif") as image:
+        for k in range(image.n_frames):
+            image.seek(k)
+            frame = np.asarray(image.convert("RGB"))[64:].astype(int)
+            drawn |= np.abs(frame - frame[0, 0]).max(axis=2) > 25
+            dark = np.abs(frame - ImageColor.getrgb(INK)).max(axis=2) < 25
+            heads.append(np.flatnonzero(dark.any(axis=0))[0])
+    assert heads[0] == heads[-2] > 200 > 100 > heads[-1]  # from the beginning there is room for it
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
     spread = np.ptp(rows) / drawn.shape[0], np.ptp(columns) / drawn.shape[1]
     assert max(spread) > 0.85

@@ -14,7 +14,7 @@ from snake_env.policies.ends import get_ends_program
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CriticPolicy, ValuePolicy
 from snake_env.policies.registry import AnalyticPolicy
-from snake_env.policies.value import NetworkValue
+from snake_env.policies.value import ActionValue, NetworkValue
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import get_observation_kernel
 from snake_env.sim.warm_up import warm_up
@@ -52,3 +52,23 @@ def test_warm_up__leaves_nothing_to_compile(
         critic.select_mode(state)
         ValuePolicy(params, value).select_mode(state)
     assert not caplog.records
+
+
+def test_planner_and_action_values__leave_nothing_to_compile_to_the_first_decision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv(compiler.CACHE_VARIABLE, str(tmp_path))
+    params = SnakeParams(n_joints=5)
+    batch = StateBatch.stack([random_state(0, params)])
+    makes = (
+        lambda: NetworkValue(model_of(n_joints=5, kind="value"), params),
+        lambda: ActionValue(model_of(n_joints=5), params),
+    )
+    for make in makes:
+        get_observation_kernel.cache_clear()
+        warm_up(params)
+        with caplog.at_level(logging.WARNING):
+            value = make()
+            caplog.clear()
+            value(batch)
+        assert not caplog.records

@@ -54,6 +54,18 @@ def uncounted(params: SnakeParams) -> object:
     return policy
 
 
+def with_texts(params: SnakeParams) -> object:
+    policy = FirstFeasiblePolicy(params)
+    policy.models = ["a", "b"]  # type: ignore[attr-defined]
+    return policy
+
+
+def with_none(params: SnakeParams) -> object:
+    policy = FirstFeasiblePolicy(params)
+    policy.models = None  # type: ignore[attr-defined]
+    return policy
+
+
 def failing(params: SnakeParams) -> object:
     raise RuntimeError("no\nweights")
 
