@@ -51,9 +51,9 @@ def best_mode(
         prediction = predict(state, modes, params)
         executable = prediction.feasible & (prediction.d_min >= params.d_touch)
         turn = np.abs(prediction.phi - state.phi).max(axis=1)
-    leading = executable & (turn >= CREEPING)
-    leads = bool(leading.any())
-    kept = np.flatnonzero(leading if leads else executable)
+    moving = executable & (turn >= CREEPING)
+    leads = bool(moving.any())
+    kept = np.flatnonzero(moving if leads else executable)
     if len(kept) <= 1:
         return Choice(int(modes[kept[0]]), leads) if len(kept) else None
     if isinstance(value, NetworkValue):

@@ -1,4 +1,4 @@
-"""The compiled programs that all work needs."""
+"""Loads the compiled programs before the work begins."""
 
 from __future__ import annotations
 
