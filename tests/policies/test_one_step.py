@@ -1,5 +1,6 @@
 """+critic: simulate the favourites, drop what can't be executed or leads nowhere, take the best."""
 
+import dataclasses
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -257,7 +258,11 @@ def test_model_file__holds_its_critic(kind: str, tmp_path: Path) -> None:
 
 def test_model_file__without_a_critic_ranks_by_its_own_action_values(tmp_path: Path) -> None:
     params = SnakeParams(n_joints=6, l=0.1)
-    model, path = _of(params, "policy", 2), tmp_path / "mine.safetensors"
+    plain, path = _of(params, "policy", 2), tmp_path / "mine.safetensors"
+    write_model(path, plain)
+    with pytest.raises(InvalidInputError, match="holds a critic or action values"):
+        load_policy(f"{path}+critic", params)  # a PPO's logits are no values
+    model = dataclasses.replace(plain, action_values=True)
     write_model(path, model)
     policy = load_policy(f"{path}+critic:k=3", params)
     others = CriticPolicy(NetworkPolicy(params, model), PhaseValue(params), params, 3)
@@ -273,7 +278,7 @@ def test_model_file__without_a_critic_ranks_by_its_own_action_values(tmp_path: P
     assert differs > 3
 
 
-@pytest.mark.parametrize("preset", ["paper", "narrow"])
+@pytest.mark.parametrize("preset", ["paper", "narrow", "six", "hardware"])
 def test_shipped_policies__use_the_value_network_of_their_robot(preset: str) -> None:
     params = SnakeParams.preset(preset)
     suffix = "" if preset == "paper" else f"-{preset}"
