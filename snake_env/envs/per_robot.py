@@ -24,7 +24,6 @@ def of_each_robot(envs: SnakeModeSelectionVectorEnv, name: str) -> tuple[Any, ..
         "render": lambda: envs.render() or (None,) * count,
     }
     same = {
-        "core": envs.core,
         "params": envs.params,
         "action_space": envs.single_action_space,
         "observation_space": envs.single_observation_space,

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.dqn.policies import DQNPolicy
 from torch import nn
 
-from snake_env.envs.core import checked_weights
+from snake_env.envs.core import EnvCore, EnvOptions, checked_weights
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -28,6 +29,7 @@ from snake_env.sb3.masked import (
     ObservationExtractor,
     ObservationWithMask,
 )
+from snake_env.sb3.vec_env import SnakeVecEnv
 from snake_env.sim.observation import observation_size
 
 _USUAL = RewardWeights()
@@ -106,9 +108,7 @@ def _trained_for(
     """The robot and the reward: those of the model's env, which must not contradict what is given."""
     if not isinstance(params, SnakeParams | None):
         raise InvalidInputError("params", params, "SnakeParams")
-    env, options = model.get_env(), None
-    with contextlib.suppress(AttributeError):  # no env of this package
-        options = None if env is None else env.get_attr("core")[0].options
+    options = _options(model.get_env())
     if options is None:
         if params is None:
             raise InvalidInputError("params", None, "the robot: the model has no env that tells it")
@@ -119,6 +119,16 @@ def _trained_for(
         raise InvalidInputError("params", params, expected)
     weights = checked_weights(reward_weights) if reward_weights is not None else options.weights
     return options.params, weights
+
+
+def _options(env: VecEnv | None) -> EnvOptions | None:
+    """The arguments of an env; None where it is none of this package."""
+    core: Any = None
+    if env is not None:
+        inner = env.unwrapped
+        with contextlib.suppress(AttributeError):
+            core = inner.envs.core if isinstance(inner, SnakeVecEnv) else env.get_attr("core")[0]
+    return core.options if isinstance(core, EnvCore) else None
 
 
 def _checked_made(made: Mapping[str, Any] | None) -> dict[str, Any]:

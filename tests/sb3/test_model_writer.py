@@ -9,7 +9,7 @@ import pytest
 import torch
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from torch import nn
 
 from snake_env import SnakeParams, action_mask, load_policy, observe
@@ -143,6 +143,8 @@ def test_robot_and_reward__are_those_of_the_env(tmp_path: Path) -> None:
     assert read_model(write_sb3_model(model, path)).params == SIX
     with pytest.raises(InvalidInputError, match=r"expected the robot of the model's env"):
         write_sb3_model(model, path, SnakeParams())
+    watched = PPO("MlpPolicy", VecMonitor(SnakeVecEnv(2, preset="six")), n_steps=2, batch_size=4)
+    assert read_model(write_sb3_model(watched, path)).params == SIX
     model.save(tmp_path / "a.zip")
     without_env = PPO.load(tmp_path / "a.zip", device="cpu")
     with pytest.raises(InvalidInputError, match="params = None: expected the robot"):
