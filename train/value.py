@@ -11,7 +11,8 @@ import torch
 from rich.console import Console
 
 from agents.checks import check_positive, check_share
-from agents.value import Fit, Play, Returns, fit, play
+from agents.returns import Play, Returns, play
+from agents.value import Fit, fit
 from harness.engine import Engine
 from harness.progress import progress
 from harness.provenance import command
@@ -184,11 +185,11 @@ def train(options: Options, console: Console) -> Path:
         assert network is not None
         if finished and file.exists():
             console.print("this run is finished")
-            console.print(f"model: {file}")
+            console.print(f"model: {file}", soft_wrap=True)
             return file
         made = {"command": command(), "config": config, "generations": options.generations}
         write_model(file, Model(kind, params, network, made))
-        console.print(f"model: {file}")
+        console.print(f"model: {file}", soft_wrap=True)
         return file
 
 

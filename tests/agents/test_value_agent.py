@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from agents import value
+from agents import returns
 from agents.pace import failure
-from agents.value import Fit, Play, Returns, fit, play
+from agents.returns import Play, Returns, play
+from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
 from snake_env.policies.one_step import ValuePolicy
@@ -115,12 +116,12 @@ def test_play__says_what_the_network_thinks_of_all_successors() -> None:
 def test_some_successors__are_drawn_from_each_state(
     most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(value, "_SUCCESSORS", most)
+    monkeypatch.setattr(returns, "_SUCCESSORS", most)
     rng = np.random.default_rng(0)
     parent = np.repeat([0, 2, 3, 7], [5, 1, 9, 3])
     times = np.zeros(len(parent))
     for _ in range(3000):
-        kept = value._some_of_each(parent, rng)
+        kept = returns._some_of_each(parent, rng)
         assert (np.diff(kept) > 0).all()
         found, counts = np.unique(parent[kept], return_counts=True)
         assert found.tolist() == [0, 2, 3, 7]
@@ -128,7 +129,7 @@ def test_some_successors__are_drawn_from_each_state(
         times[kept] += 1
     wanted = np.repeat([min(1.0, most / count) for count in (5, 1, 9, 3)], [5, 1, 9, 3])
     np.testing.assert_allclose(times / 3000, wanted, atol=0.05)
-    assert len(value._some_of_each(parent[:0], rng)) == 0
+    assert len(returns._some_of_each(parent[:0], rng)) == 0
 
 
 def test_fit__learns_its_returns_from_where_it_begins() -> None:

@@ -231,5 +231,7 @@ def test_load_policy__says_what_is_wrong(tmp_path: Path) -> None:
         load_policy("analytik+shield")
     with pytest.raises(InvalidInputError, match="No such file"):
         load_policy(tmp_path / "missing.safetensors")
-    with pytest.raises(InvalidInputError, match="n_joints = 5: expected 8, for which ppo ships"):
+    with pytest.raises(
+        InvalidInputError, match="n_joints = 5: expected 6 or 8, for which ppo ships"
+    ):
         load_policy("ppo", PARAMS.replace(n_joints=5))
