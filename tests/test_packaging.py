@@ -70,6 +70,10 @@ def test_wheel__has_the_whole_package(wheel: zipfile.ZipFile) -> None:
     assert {"snake_env/policies/analytic_14.json", "snake_env/py.typed"} <= expected
 
 
+def test_wheel__is_small_enough(wheel: zipfile.ZipFile) -> None:
+    assert sum(entry.compress_size for entry in wheel.infolist()) < 12_000_000
+
+
 def test_wheel__names_its_licence_and_needs_nothing_heavy(wheel: zipfile.ZipFile) -> None:
     (metadata,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
     text = wheel.read(metadata).decode()
