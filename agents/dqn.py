@@ -16,13 +16,14 @@ from torch import nn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.learner import Learner
-from agents.mlp import falling, linear_layers
+from agents.mlp import falling
 from agents.pace import worst
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
+from snake_env.sb3.model_writer import linear_layers
 
 _BUFFER = ("actions", "rewards", "dones", "timeouts")
 

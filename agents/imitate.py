@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, Decisions
-from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
+from agents.mlp import batches, build, from_numpy, to_numpy
 from agents.pace import worst
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
+from snake_env.sb3.model_writer import linear_layers
 from snake_env.sb3.symmetric import Symmetric
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from torch import nn
@@ -11,7 +11,7 @@ from torch import nn
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.networks.model_file import LARGEST_OUTPUT
 from snake_env.networks.network import Network
-from snake_env.sb3.model_writer import network_of
+from snake_env.sb3.model_writer import linear_layers, network_of
 
 
 def build(sizes: Sequence[int]) -> nn.Sequential:
@@ -24,11 +24,6 @@ def build(sizes: Sequence[int]) -> nn.Sequential:
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
-
-
-def linear_layers(modules: Iterable[nn.Module]) -> list[nn.Linear]:
-    """The linear layers among some modules, in their order."""
-    return [module for module in modules if isinstance(module, nn.Linear)]
 
 
 class DivergedError(SnakeEnvError):

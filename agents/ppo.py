@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.learner import Learner
-from agents.mlp import falling, linear_layers, load_weights, to_numpy
+from agents.mlp import falling, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
-from snake_env.sb3.model_writer import in_intervals
+from snake_env.sb3.model_writer import in_intervals, in_reward, linear_layers
 
 SHARPNESS = 3.0
 """Multiplies the preferences that the actor begins with. A student's own are those of a soft maximum:
@@ -130,9 +129,7 @@ class PPOLearner(Learner):
 
     def begin_critic(self, value: Network) -> None:
         """Gives the critic a value network's weights, from intervals into reward."""
-        load_weights(self._critic, value.scaled(self._reward.time))
-        with torch.no_grad():
-            self._critic[-1].bias.add_(self._reward.success)
+        load_weights(self._critic, in_reward(value, self._reward))
 
     def network(self) -> Network:
         """The actor's network: a preference for each mode."""

@@ -21,9 +21,10 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.mlp import batches, build, from_numpy, linear_layers, to_numpy
+from agents.mlp import batches, build, from_numpy, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
+from snake_env.sb3.model_writer import linear_layers
 from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.sim.observation import observation_size
 

@@ -59,8 +59,8 @@ class Shard:
         params: The constants.
         decision_timeout_s: What a decision may take [s]; None: any time.
         slip: How much the wheels slip.
-        models: SHA-256 of the policy's model files, so that the worker need not make it anew for each
-            shard; None: they may change from shard to shard.
+        models: SHA-256 of the policy's model files: the worker then makes the policy once for all
+            shards; None: the files may change from shard to shard.
     """
 
     policy: str

@@ -67,7 +67,7 @@ def motion_of(row: Row, state: SnakeState, params: SnakeParams) -> Motion:
 
 def until_still(motion: Motion, params: SnakeParams) -> Motion:
     """What there is to see: the motion up to the first interval after which nothing moves any more."""
-    steps = round(params.delta_t / params.dt)
+    steps = params.n_steps
     turned = [
         np.abs(motion.phi[min((k + 1) * steps, len(motion.phi) - 1)] - motion.phi[k * steps]).max()
         for k in range(len(motion.phases))

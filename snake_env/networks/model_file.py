@@ -286,7 +286,7 @@ def _check_numbers(path: Path, network: Network) -> None:
 
 def _read_symmetric(path: Path, manifest: dict[str, Any]) -> bool:
     symmetric: bool = manifest["symmetric"]
-    if type(symmetric) is not bool or not (symmetric or manifest["kind"] != "quick-value"):
+    if type(symmetric) is not bool or (manifest["kind"] == "quick-value" and not symmetric):
         raise _bad(path, "symmetric: true, or but for a quick-value false")
     return symmetric
 

@@ -62,7 +62,7 @@ class Painter:
         """Begins a new view: around some scenes and their targets, and so much more [m]."""
         self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
         for scene in scenes:
-            self._widen(scene, margin)
+            self._widen(*self._bodies(scene), margin=margin)
 
     def frame(self, scene: Scene) -> NDArray[np.uint8]:
         """The scene as an image, shape (480, 640, 3) uint8."""
@@ -70,9 +70,8 @@ class Painter:
 
     def image(self, scene: Scene) -> Image.Image:
         """The scene as a Pillow image, 640 x 480."""
-        place = geometry(scene.phi, scene.w, self.params)
-        ghost = self._ghost(scene)
-        self._widen(scene)
+        place, ghost = self._bodies(scene)
+        self._widen(place, ghost)
         size = (WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING)
         image = self._image.new("RGB", size, _PAPER_COLOUR)
         pen = self._draw.Draw(image)
@@ -92,13 +91,14 @@ class Painter:
         no_dither = self._image.Dither.NONE
         return [image.quantize(palette=palette, dither=no_dither) for image in images]
 
-    def _ghost(self, scene: Scene) -> Geometry:
-        return geometry(scene.target, np.array(self.params.w_d), self.params)
+    def _bodies(self, scene: Scene) -> tuple[Geometry, Geometry]:
+        """Where the robot is, and its target."""
+        target = geometry(scene.target, np.array(self.params.w_d), self.params)
+        return geometry(scene.phi, scene.w, self.params), target
 
-    def _widen(self, scene: Scene, margin: float = 0.08) -> None:
-        """Makes room for a scene and its target, with a margin [m]."""
-        outline = geometry(scene.phi, scene.w, self.params).outline
-        points = np.concatenate([outline, self._ghost(scene).outline])
+    def _widen(self, place: Geometry, ghost: Geometry, margin: float = 0.08) -> None:
+        """Makes room for the robot and its target, with a margin [m]."""
+        points = np.concatenate([place.outline, ghost.outline])
         self._low = np.minimum(self._low, points.min(axis=0) - margin)
         self._high = np.maximum(self._high, points.max(axis=0) + margin)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,6 @@ from snake_env.sb3.masked import (
 from snake_env.sb3.vec_env import SnakeVecEnv
 from snake_env.sim.observation import observation_size
 
-_USUAL = RewardWeights()
 _ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: "relu", nn.Tanh: "tanh"}
 
 
@@ -58,7 +57,7 @@ def write_sb3_model(
         params: The robot that it was trained with; default: that of the model's env.
         reward_weights: What that env was given; default: what it has. Networks count in reward: with
             terms for shaping, cost or violations the file can't be used with ``+critic``.
-        made: What the file shall tell about how it was made.
+        made: What the file says about how it was made.
 
     Returns:
         The file's path.
@@ -92,7 +91,7 @@ def write_sb3_model(
         symmetric, values = isinstance(policy.q_net, MaskedQNetwork), ranks
         network = _network(list(policy.q_net.q_net))
         if ranks:  # in the units of the default reward, as files have them
-            network = _shifted(in_intervals(network, weights).scaled(_USUAL.time), _USUAL.success)
+            network = in_reward(in_intervals(network, weights), RewardWeights())
         network = network.scaled(1.0 / PREFERENCE)
     wanted = observation_size(robot.n_joints), len(mode_table(robot.n_joints))
     if (network.sizes[0], network.sizes[-1]) != wanted:
@@ -163,14 +162,23 @@ def in_intervals(network: Network, weights: RewardWeights) -> Network:
     return _shifted(network.scaled(1.0 / weights.time), -weights.success / weights.time)
 
 
+def in_reward(network: Network, weights: RewardWeights) -> Network:
+    """The inverse of :func:`in_intervals`."""
+    return _shifted(network.scaled(weights.time), weights.success)
+
+
+def linear_layers(modules: Iterable[nn.Module]) -> list[nn.Linear]:
+    """The linear layers among some modules, in their order."""
+    return [module for module in modules if isinstance(module, nn.Linear)]
+
+
 def _network(modules: Sequence[nn.Module]) -> Network:
     """Linear layers with an activation function between them, as a network."""
-    layers = [module for module in modules if isinstance(module, nn.Linear)]
     kinds = {type(module) for module in modules if not isinstance(module, nn.Linear)}
     if len(kinds) > 1 or not kinds <= _ACTIVATIONS.keys():
         found = ", ".join(sorted(kind.__name__ for kind in kinds))
         raise InvalidInputError("activation_fn", found, "ReLU or Tanh")
-    return network_of(layers, *(_ACTIVATIONS[kind] for kind in kinds))
+    return network_of(linear_layers(modules), *(_ACTIVATIONS[kind] for kind in kinds))
 
 
 def network_of(layers: Sequence[nn.Linear], activation: Activation = "relu") -> Network:

@@ -10,9 +10,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.mlp import build, from_numpy, linear_layers, load_weights, to_numpy
+from agents.mlp import build, from_numpy, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import ACTIVATIONS, Activation, Network
+from snake_env.sb3.model_writer import linear_layers
 
 sizes = st.lists(st.integers(1, 40), min_size=2, max_size=5)
 

@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from agents import dqn, ppo
 from agents.dqn import DQNLearner
 from agents.learner import Learner
-from agents.mlp import build, linear_layers, to_numpy
+from agents.mlp import build, to_numpy
 from agents.ppo import SHARPNESS, PPOLearner
 from snake_env import load_policy
 from snake_env.errors import InvalidInputError
@@ -31,6 +31,7 @@ from snake_env.networks.symmetry import (
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
+from snake_env.sb3.model_writer import linear_layers
 from snake_env.sb3.symmetric import Canonical, Symmetric
 from snake_env.sim.observation import observation_size
 
