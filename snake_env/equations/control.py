@@ -9,7 +9,7 @@ walk; it gives (10) when the head moves, and the null space of (11) when one lif
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from snake_env.equations.kinematics import Body
 from snake_env.equations.scalars import (
@@ -32,11 +32,10 @@ def rolling_rates(
     body: Body,
     l: Scalar,  # noqa: E741
     head_velocity: tuple[Scalar, Scalar, Scalar],
-    imposed: Sequence[Bool],
-    imposed_rate: Scalar,
+    rate_of: Callable[[int, Scalar], Scalar],
     first: int = 1,
 ) -> list[Scalar]:
-    """Joint rates with which every wheel rolls, but for one joint that is given its own rate.
+    """Joint rates with which every wheel rolls, but for joints that turn otherwise.
 
     Solves (7) for u by forward substitution: row k of ``A-tilde' w-dot = B-tilde' u`` reads
     ``nrm(theta_k) . dW_k/dt = 0``.
@@ -45,22 +44,22 @@ def rolling_rates(
         body: The robot's body.
         l: Half a link's length [m].
         head_velocity: The head's velocity in its own frame and its turning rate [m/s, m/s, rad/s].
-        imposed: For each joint, whether it turns at ``imposed_rate`` instead (at most one does).
-        imposed_rate: That joint's rate [rad/s].
+        rate_of: The rate of joint k, from k and the rate with which its wheel rolls [rad/s].
         first: The first joint that can move at all; the rates before it are 0.
 
     Returns:
         u, n values [rad/s].
     """
-    vx, vy, link_rate = head_velocity
-    vy = vy - 2.0 * l * link_rate  # velocity of J_1
+    vx, vy, turning = head_velocity
+    # Velocities in l/s: ``step`` is that of a link's rear end against its front end.
+    step = 2.0 * turning
+    vx, vy = vx / l, vy / l - step  # of J_1
     rates: list[Scalar] = [0.0] * (first - 1)
     for k in range(first, body.n_joints + 1):
         cosine, sine = body.directions[k]
-        rolling = (vy * cosine - vx * sine) / l - link_rate
-        rates.append(select(imposed[k - 1], imposed_rate, rolling))
-        link_rate = link_rate + rates[-1]
-        step = 2.0 * l * link_rate
+        rolling = vy * cosine - vx * sine - 0.5 * step
+        rates.append(rate_of(k, rolling))
+        step = step + 2.0 * rates[-1]
         vx, vy = vx + step * sine, vy - step * cosine
     return rates
 
@@ -113,12 +112,11 @@ def null_space_input(
     Returns:
         The projection, n values.
     """
-    still = (0.0, 0.0, 0.0)
     basis: list[tuple[int, list[Scalar], Scalar]] = []  # first joint, vector from it on, |.|^2
     result: list[Scalar] = [0.0] * len(gradient)
     for c in reversed(range(len(columns))):
         first = c + 2  # the SCP is joint 1 or later, and c lifted wheels lie between
-        vector = rolling_rates(body, l, still, columns[c], 1.0, first)[first - 1 :]
+        vector = _null_space_column(body, l, columns[c], first)
         for other_first, other, squared_norm in basis:
             offset = other_first - first
             overlap = dot(vector[offset:], other) / squared_norm
@@ -130,6 +128,21 @@ def null_space_input(
         for k, value in enumerate(vector, start=first - 1):
             result[k] = result[k] + share * value
     return result
+
+
+def _null_space_column(
+    body: Body,
+    l: Scalar,  # noqa: E741
+    lifted: Sequence[Bool],
+    first: int,
+) -> list[Scalar]:
+    """Rates from joint ``first`` on: the marked joint turns at 1 rad/s, every wheel behind it rolls."""
+    marks = [select(is_lifted, 1.0, 0.0) for is_lifted in lifted]
+
+    def rate_of(k: int, rolling: Scalar) -> Scalar:
+        return rolling + marks[k - 1]  # up to the marked joint, rolling is 0: nothing moves there
+
+    return rolling_rates(body, l, (0.0, 0.0, 0.0), rate_of, first)[first - 1 :]
 
 
 def input_scale(u: Sequence[Scalar], p: SnakeParams) -> Scalar:
@@ -176,7 +189,11 @@ def limited_input(
     scp_rate = -(k_t * p.gains[3]) * (scp_angle - scp_reference)
     sine, cosine = sin_cos(w[2])
     head_velocity = (vx * cosine + vy * sine, vy * cosine - vx * sine, turning)
-    u_t = rolling_rates(body, p.l, head_velocity, scp, scp_rate)
+
+    def tracking_rate(k: int, rolling: Scalar) -> Scalar:
+        return select(scp[k - 1], scp_rate, rolling)
+
+    u_t = rolling_rates(body, p.l, head_velocity, tracking_rate)
     u_ker = null_space_input(body, p.l, columns, gradient)
     u = [tracking - k_eta * ker for tracking, ker in zip(u_t, u_ker, strict=True)]  # (9), (11)
     k_u = input_scale(u, p)

@@ -8,27 +8,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from snake_env.equations.kinematics import Body, guarded_pairs
-from snake_env.equations.scalars import Bool, Scalar, absolute, maximum, select, sqrt, total
+from snake_env.equations.kinematics import Body, guarded_pairs, squared_distance
+from snake_env.equations.scalars import (
+    Bool,
+    Scalar,
+    absolute,
+    maximum,
+    minimum,
+    select,
+    sqrt,
+    total,
+)
 from snake_env.params import SnakeParams
 
+Cost = tuple[Scalar, Scalar, list[Scalar]]
+"""A term of V; and its gradient (n values), of which a common factor comes first."""
 
-def limit_cost(
-    phi: Sequence[Scalar], rear: Sequence[Bool], p: SnakeParams
-) -> tuple[Scalar, list[Scalar]]:
-    """V_L of (19): cubes of how far rear joints exceed c_phi; with its gradient (n values)."""
+
+def limit_cost(phi: Sequence[Scalar], rear: Sequence[Bool], p: SnakeParams) -> Cost:
+    """V_L of (19): cubes of how far rear joints exceed c_phi."""
     terms: list[Scalar] = []
-    gradient: list[Scalar] = []
+    slopes: list[Scalar] = []
     for angle, behind in zip(phi, rear, strict=True):
-        excess = select(behind, maximum(absolute(angle) - p.c_phi, 0.0), 0.0)  # (20)
-        slope = 3.0 * (excess * excess)
-        terms.append(excess * excess * excess)
-        gradient.append(select(angle < 0.0, -slope, slope))
-    return total(terms), gradient
+        beyond = angle - maximum(minimum(angle, p.c_phi), -p.c_phi)
+        excess = select(behind, beyond, 0.0)  # (20), with the angle's sign
+        slopes.append(excess * absolute(excess))
+        terms.append(slopes[-1] * excess)
+    return total(terms), 3.0, slopes
 
 
-def collision_cost(body: Body, rear: Sequence[Bool], p: SnakeParams) -> tuple[Scalar, list[Scalar]]:
-    """V_c of (19): cubes of how much closer than d_0 links come; with its gradient (n values)."""
+def collision_cost(body: Body, rear: Sequence[Bool], p: SnakeParams) -> Cost:
+    """V_c of (19): cubes of how much closer than d_0 links come."""
     n = body.n_joints
     terms: list[Scalar] = []
     forces: dict[int, tuple[Scalar, Scalar]] = {}
@@ -40,14 +50,14 @@ def collision_cost(body: Body, rear: Sequence[Bool], p: SnakeParams) -> tuple[Sc
     for i, j in guarded_pairs(n):
         (xi, yi), (xj, yj) = body.guarded_point(i), body.guarded_point(j)
         dx, dy = xi - xj, yi - yj
-        distance = sqrt(dx * dx + dy * dy + 1e-300)  # never 0, so that coinciding links stay finite
+        distance = sqrt(squared_distance(body, i, j))
         nearness = select(rear[i - 1], maximum(p.d_0 - distance, 0.0), 0.0)  # (20)
         terms.append(nearness * nearness * nearness)
-        force = -3.0 * (nearness * nearness) / distance
+        force = nearness * nearness / distance
         push(i, force * dx, force * dy)
         push(j, -(force * dx), -(force * dy))
 
-    gradient: list[Scalar] = [0.0] * n
+    slopes: list[Scalar] = [0.0] * n
     fx: Scalar = 0.0
     fy: Scalar = 0.0
     torque: Scalar = 0.0
@@ -57,14 +67,12 @@ def collision_cost(body: Body, rear: Sequence[Bool], p: SnakeParams) -> tuple[Sc
             fx, fy = fx + gx, fy + gy
             torque = torque + (px * gy - py * gx)
         jx, jy = body.joints[m]
-        gradient[m - 1] = torque - (jx * fy - jy * fx)
-    return total(terms), gradient
+        slopes[m - 1] = torque - (jx * fy - jy * fx)
+    return total(terms), -3.0, slopes
 
 
-def singularity_cost(
-    body: Body, grounded: Sequence[Bool], p: SnakeParams
-) -> tuple[Scalar, list[Scalar]]:
-    """V_s of (19): 1 / det(A-bar^T A-bar), where below the floor it is constant; with its gradient.
+def singularity_cost(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> Cost:
+    """V_s of (19): 1 / det(A-bar^T A-bar), where below the floor it is constant.
 
     In the head's frame row k of A in (1) is ``(-sin, cos, e_k . W_k)``.
     """
@@ -87,9 +95,9 @@ def singularity_cost(
     c_yy, c_yz, c_zz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     det = xx * c_xx + xy * c_xy + xz * c_xz
     value = 1.0 / maximum(det, p.det_floor)
-    slope = select(det > p.det_floor, -2.0 * (value * value), 0.0)
+    factor = select(det > p.det_floor, -2.0 * (value * value), 0.0)
 
-    gradient: list[Scalar] = [0.0] * n
+    slopes: list[Scalar] = [0.0] * n
     spin: Scalar = 0.0
     pull_x: Scalar = 0.0
     pull_y: Scalar = 0.0
@@ -102,8 +110,8 @@ def singularity_cost(
         spin = spin + (by * ax - bx * ay)
         pull_x, pull_y = pull_x + bz * ax, pull_y + bz * ay
         jx, jy = body.joints[m]
-        gradient[m - 1] = slope * (spin + (pull_x * jx + pull_y * jy))
-    return value, gradient
+        slopes[m - 1] = spin + (pull_x * jx + pull_y * jy)
+    return value, factor, slopes
 
 
 def cost_and_gradient(
@@ -130,6 +138,7 @@ def cost_and_gradient(
         (p.a_c, collision_cost(body, rear, p)),
         (p.a_s, singularity_cost(body, grounded, p)),
     )
-    value = total([weight * v for weight, (v, _) in weighted])
-    gradient = [total([weight * g[m] for weight, (_, g) in weighted]) for m in range(body.n_joints)]
+    value = total([weight * v for weight, (v, _, _) in weighted])
+    scaled = [(weight * factor, slopes) for weight, (_, factor, slopes) in weighted]
+    gradient = [total([scale * slopes[m] for scale, slopes in scaled]) for m in range(len(phi))]
     return value, gradient

@@ -16,6 +16,8 @@ from snake_env.equations.scalars import Scalar, minimum, sin_cos, total
 
 Point = tuple[Scalar, Scalar]
 
+_TINY = 1e-300
+
 
 @dataclass(frozen=True)
 class Body:
@@ -67,10 +69,10 @@ def guarded_pairs(n_joints: int) -> list[tuple[int, int]]:
 
 
 def squared_distance(body: Body, i: int, j: int) -> Scalar:
-    """Square of d_{i,j} in (19) [m^2]."""
+    """Square of d_{i,j} in (19) [m^2]; never 0, so that (14) stays finite where links coincide."""
     (xi, yi), (xj, yj) = body.guarded_point(i), body.guarded_point(j)
     dx, dy = xi - xj, yi - yj
-    return dx * dx + dy * dy
+    return dx * dx + (dy * dy + _TINY)
 
 
 def least_squared_distance(body: Body) -> Scalar:

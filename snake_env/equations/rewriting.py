@@ -74,7 +74,7 @@ class _Rewriter:
             rule = self._rules.get(name)
             places[position] = rule(*mapped) if rule else self._record(name, *mapped)
         self._new.stores = [(row, places[position]) for row, position in self._old.stores]
-        return _in_order_of_need(self._new)
+        return _pruned(self._new)
 
     def _record(self, name: str, *operands: int | float) -> int:
         position = self._new.record(name, *operands)
@@ -188,21 +188,13 @@ class _Rewriter:
         return self._record("select", condition, x, y)
 
 
-def _in_order_of_need(trace: Trace) -> Trace:
-    """The same trace without operations that no result needs, each just before its first use."""
-    ordered = Trace()
+def _pruned(trace: Trace) -> Trace:
+    """The same trace without operations that no result needs."""
+    pruned = Trace()
     places: dict[int, int] = {}
-    for _, result in trace.stores:
-        waiting = [result]
-        while waiting:
-            position = waiting[-1]
-            name, operands = trace.operations[position]
-            missing = [] if name in LEAVES else [int(o) for o in operands if o not in places]
-            if missing:
-                waiting.extend(reversed(missing))
-                continue
-            waiting.pop()
-            mapped = operands if name in LEAVES else tuple(places[int(o)] for o in operands)
-            places[position] = ordered.record(name, *mapped)
-    ordered.stores = [(row, places[position]) for row, position in trace.stores]
-    return ordered
+    for position in needed(trace):
+        name, operands = trace.operations[position]
+        mapped = operands if name in LEAVES else tuple(places[int(o)] for o in operands)
+        places[position] = pruned.record(name, *mapped)
+    pruned.stores = [(row, places[position]) for row, position in trace.stores]
+    return pruned

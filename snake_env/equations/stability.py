@@ -58,19 +58,19 @@ def statically_stable(body: Body, grounded: Sequence[Bool], p: SnakeParams) -> B
     right: Point = (0.0, 0.0)
     left: Point = (0.0, 0.0)
     for k, (x, y) in contacts(body, p):
-        point = (x - cx, y - cy)
         touches: Bool = True if k == 0 else grounded[k - 1]
+        if touches is False:
+            continue
+        point = _choose(touches, (x - cx, y - cy), (0.0, 0.0))  # (0, 0) changes nothing below
         begins = both(touches, negate(started))
-        continues = both(touches, started)
-        to_right = both(continues, _cross(right, point) < 0.0)
-        to_left = both(continues, _cross(left, point) > 0.0)
+        to_right = both(started, _cross(right, point) < 0.0)
+        to_left = both(started, _cross(left, point) > 0.0)
         opened_right = either(opened_right, to_right)
         opened_left = either(opened_left, to_left)
-        is_ray = both(continues, negate(either(opened_right, opened_left)))
+        is_ray = both(started, negate(either(opened_right, opened_left)))
         opposed = either(opposed, both(is_ray, _dot(right, point) < 0.0))
         right = _choose(either(begins, to_right), point, right)
         left = _choose(either(begins, to_left), point, left)
         started = either(started, touches)
-        open_both_ways = both(opposed, both(opened_right, opened_left))
-        surrounded = either(surrounded, either(both(to_right, to_left), open_both_ways))
-    return surrounded
+        surrounded = either(surrounded, both(to_right, to_left))
+    return either(surrounded, both(opposed, both(opened_right, opened_left)))

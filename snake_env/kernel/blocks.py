@@ -22,6 +22,7 @@ from snake_env.equations.tracing import Trace
 from snake_env.errors import InvalidInputError, as_integer
 from snake_env.kernel.compiler import BlockFunction, load, vector_bits
 from snake_env.kernel.emission import emit
+from snake_env.kernel.scheduling import scheduled
 from snake_env.params import SnakeParams
 
 _FLOATS = [f.name for f in dataclasses.fields(SnakeParams) if isinstance(f.default, float)]
@@ -63,7 +64,7 @@ class BlockProgram:
         self, loop: Trace, last: Trace, n_rows: int, running: int, what: str, lanes: int | None
     ) -> None:
         self.n_rows, self.lanes = n_rows, lanes or block_width()
-        self.loop, self.last = rewritten(loop), rewritten(last)
+        self.loop, self.last = (scheduled(rewritten(trace)) for trace in (loop, last))
         ir = emit(self.loop, self.last, n_rows, running, 2, self.lanes, vector_bits() >= 512)
         self._run: BlockFunction = load(ir, what)
 

@@ -126,12 +126,14 @@ def sub_step(lane: Lane, t: Scalar, k_eta: Scalar, p: SnakeParams) -> None:
     body = visit(lane, p)
     running = lane.violation == RUNNING
     v, lane.u, w_rate = cost_and_input(lane, body, t, k_eta, p)
-    lane.integral = select(running, lane.integral + v * p.dt, lane.integral)
-    lane.duration = select(running, lane.duration + p.dt, lane.duration)
-    lane.phi = [
-        select(running, x + p.dt * rate, x) for x, rate in zip(lane.phi, lane.u, strict=True)
-    ]
-    lane.w = [select(running, x + p.dt * rate, x) for x, rate in zip(lane.w, w_rate, strict=True)]
+
+    def moved(value: Scalar, rate: Scalar) -> Scalar:  # gates the rate, as select with 0 is cheap
+        return value + p.dt * select(running, rate, 0.0)
+
+    lane.integral = moved(lane.integral, v)
+    lane.duration = moved(lane.duration, 1.0)
+    lane.phi = [moved(x, rate) for x, rate in zip(lane.phi, lane.u, strict=True)]
+    lane.w = [moved(x, rate) for x, rate in zip(lane.w, w_rate, strict=True)]
     largest = functools.reduce(maximum, [absolute(x) for x in lane.phi])
     lane.max_abs_phi = maximum(largest, lane.max_abs_phi)
     within = largest <= p.phi_limit + p.limit_tolerance  # (23)

@@ -149,8 +149,9 @@ def test_last_two_joints__turn_in_the_ratio_that_wheel_8_dictates() -> None:
 
 
 def test_rolling_rates__of_a_straight_robot_in_a_turn_alternate() -> None:
+    still = (0.0, 0.0, 0.0)
     rates = control.rolling_rates(
-        locate([0.0] * 4, 1.0), 1.0, (0.0, 0.0, 0.0), [True, False, False, False], 1.0
+        locate([0.0] * 4, 1.0), 1.0, still, lambda k, rolling: 1.0 if k == 1 else rolling
     )
     assert rates == [1.0, -3.0, 4.0, -4.0]
 
