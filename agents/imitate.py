@@ -77,7 +77,7 @@ class Lessons:
     Attributes:
         observations: Shape (N, observation_size).
         cost: Intervals to the target with each mode, shape (N, n_modes); infinite where it is
-            infeasible, negative where it can't be chosen at all.
+            infeasible, negative where it can't be chosen or was not asked about.
     """
 
     observations: NDArray[np.float32]

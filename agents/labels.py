@@ -23,8 +23,8 @@ class Decisions:
 
     Attributes:
         states: N states.
-        mask: The instant mask, shape (N, n_modes).
-        feasible: Which modes hold (22) and (23) throughout the interval, shape (N, n_modes).
+        mask: Which modes were asked about, of those in the instant mask, shape (N, n_modes).
+        feasible: Which of them hold (22) and (23) throughout the interval, shape (N, n_modes).
         cost_to_go: Intervals to the target with each mode, itself included, shape (N, n_modes);
             infinite where infeasible.
     """

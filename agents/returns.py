@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.pace import failure
+from agents.trials import tried_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -123,7 +124,8 @@ def _wander(
     for depth in range(_EXPLORED):
         going = explores[task] > depth
         noisy = np.flatnonzero(going)
-        tree = expand(states.take(noisy), params)
+        tried = tried_modes(states.take(noisy), rng, params)
+        tree = expand(states.take(noisy), params, tried)
         parent = noisy[tree.parent]
         noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
         rank = value(tree.states) - noise + _creeping(tree, states.take(noisy))
@@ -158,7 +160,7 @@ def _greedy(
     steps: list[tuple[IntArray, IntArray, FloatArray]] = []
     now, playing = states, np.arange(len(states))
     while len(playing) and len(steps) < longest:
-        tree = expand(now, params)
+        tree = expand(now, params, tried_modes(now, rng, params))
         worth = value(tree.states)
         open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
         if trace_decay is None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.labels import Decisions, join
 from agents.pace import failure
+from agents.trials import tried_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
@@ -31,20 +32,27 @@ _LONGEST = 4 / 3  # an episode is left after so many times what a failure is wor
 _NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
 
 
-def judge(states: StateBatch, value: ValueFunction, params: SnakeParams) -> Decisions:
-    """What every mode of some states would cost: the mode itself, and what its end is worth.
+def judge(
+    states: StateBatch,
+    value: ValueFunction,
+    params: SnakeParams,
+    modes: NDArray[np.bool_] | None = None,
+) -> Decisions:
+    """What modes of some states would cost: the mode itself, and what its end is worth.
 
     Args:
         states: N states that have not reached their target.
         value: What ends are worth.
         params: The constants.
+        modes: Which valid modes are asked about, shape (N, n_modes); None: all.
     """
-    tree = expand(states, params)
+    tree = expand(states, params, modes)
     after = np.clip(value(tree.states), 0.0, failure(params))
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
     cost[tree.parent, tree.mode] = 1.0 + after
-    return Decisions(states, action_masks(states, "instant", params), np.isfinite(cost), cost)
+    mask = action_masks(states, "instant", params)
+    return Decisions(states, mask if modes is None else mask & modes, np.isfinite(cost), cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +138,7 @@ def _of_teacher(
 
     All are judged; those near a deadlock are always kept.
     """
-    decisions = _judged(states, shard)
+    decisions = _judged(states, shard, rng)
     noise = rng.gumbel(size=decisions.cost_to_go.shape)
     rank = np.where(decisions.feasible, decisions.cost_to_go - noise * scale[:, None], np.inf)
     feasible, valid = decisions.feasible.sum(axis=1), _valid(states, shard.params)
@@ -153,7 +161,7 @@ def _of_student(
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
     rows = np.flatnonzero(kept)
-    decisions = _judged(states.take(rows), shard)
+    decisions = _judged(states.take(rows), shard, rng, also=chosen[rows])
     best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
     chosen[wrong] = best[wrong[rows]]
     return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
@@ -166,9 +174,12 @@ def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams
     return modes
 
 
-def _judged(states: StateBatch, shard: Visit) -> Decisions:
-    """What the teacher says about some states."""
-    return judge(states, network_value(shard.value, shard.params), shard.params)
+def _judged(
+    states: StateBatch, shard: Visit, rng: np.random.Generator, also: IntArray | None = None
+) -> Decisions:
+    """What the teacher says about some states: about all their modes, or many."""
+    tried = tried_modes(states, rng, shard.params, also)
+    return judge(states, network_value(shard.value, shard.params), shard.params, tried)
 
 
 def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -77,10 +78,18 @@ class Expansion:
         )
 
 
-def expand(states: StateBatch, params: SnakeParams) -> Expansion:
-    """Predicts every valid mode of every state; keeps the feasible ones that let no links touch."""
-    masks = mode_table(params.n_joints).masks(states.phase)
-    parent, mode = np.nonzero(masks)
+def expand(
+    states: StateBatch, params: SnakeParams, modes: NDArray[np.bool_] | None = None
+) -> Expansion:
+    """Predicts modes of every state; keeps the feasible ones that let no links touch.
+
+    Args:
+        states: N states.
+        params: The constants.
+        modes: Which valid modes to predict, shape (N, n_modes); None: all.
+    """
+    valid = mode_table(params.n_joints).masks(states.phase)
+    parent, mode = np.nonzero(valid if modes is None else modes)
     begun = states.take(parent)
     prediction = predict_batch(begun, mode, params)
     ended = successors(begun, mode, prediction, params)
