@@ -59,9 +59,9 @@ EVALUATIONS = {
     "experiment": Evaluation("paper", "paper-500", ("analytic-14", "lookahead:width=4", "skid")),
     "paper": Evaluation("paper", "test-10k"),
     "narrow": Evaluation("narrow", "test-2k"),
-    "six": Evaluation("six", "test-2k"),
+    "six": Evaluation("six", "test-2k", ("lookahead:width=4",)),
     "ten": Evaluation("ten", "test-2k"),
-    "hardware": Evaluation("hardware", "test-2k", slip=(0.001, 0.005)),
+    "hardware": Evaluation("hardware", "test-2k", ("lookahead:width=4",), (0.001, 0.005)),
 }
 """By the name of the file in ``docs/data``."""
 ROBOTS = tuple(name for name in EVALUATIONS if name != "experiment")
