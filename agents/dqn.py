@@ -17,7 +17,7 @@ from torch import nn
 from agents.checks import check_at_most, check_hidden, check_positive, check_share
 from agents.learner import Learner
 from agents.mlp import falling
-from agents.pace import worst
+from agents.pace import failure_value
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
@@ -31,7 +31,7 @@ _BUFFER = ("actions", "rewards", "dones", "timeouts")
 class AnchoredDQN(MaskedDQN):
     """DQN whose action values stay close to those that it began with.
 
-    A target tells of the mode that was executed only. Through the network it moves the values of the
+    A target concerns the executed mode only. Through the network it moves the values of the
     others too, mostly upwards, and what the student knew about them would be lost. So the loss holds
     the squared distance from the student's values, over all open modes. Targets are at least
     ``floor``.
@@ -39,7 +39,7 @@ class AnchoredDQN(MaskedDQN):
     Attributes:
         anchor: The student's network; None: there is none.
         weight: Weight of the distance beside the Bellman error.
-        floor: The least target: what a failure is worth, :func:`agents.pace.worst`.
+        floor: The least target: what a failure is worth, :func:`agents.pace.failure_value`.
     """
 
     anchor: nn.Module | None = None
@@ -170,7 +170,7 @@ class DQNLearner(Learner):
         )
         model.weight = settings.anchor
         options = env.envs.core.options
-        model.floor = worst(options.params, options.weights)
+        model.floor = failure_value(options.params, options.weights)
         self._settings, layers = settings, linear_layers(model.q_net.q_net)
         super().__init__(
             model, layers, settings.timesteps, settings.learning_rate, settings.ema_rate

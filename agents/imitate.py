@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, Decisions
 from agents.mlp import batches, build, from_numpy, to_numpy
-from agents.pace import worst
+from agents.pace import failure_value
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
@@ -33,7 +33,7 @@ from snake_env.sb3.symmetric import Symmetric
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
 
-_LARGEST = 32 * 2**30  # bytes of an array of lessons
+_LARGEST = 32 * 2**30  # bytes of an array of labels
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Lessons:
-    """What the student learns from.
+class Dataset:
+    """Observations and labels that the student is fitted to.
 
     Attributes:
         observations: Shape (N, observation_size).
@@ -84,47 +84,47 @@ class Lessons:
     cost: NDArray[np.float16]
 
 
-def lessons(decisions: Decisions, params: SnakeParams) -> Lessons:
-    """The lessons in decisions; those without a feasible mode teach nothing."""
+def dataset(decisions: Decisions, params: SnakeParams) -> Dataset:
+    """The dataset of some decisions; those without a feasible mode are left out."""
     chosen = decisions.take(np.flatnonzero(decisions.feasible.any(axis=1)))
     cost = np.where(chosen.mask, chosen.cost_to_go, -1.0)
-    return Lessons(observe(chosen.states, params), cost.astype(np.float16))
+    return Dataset(observe(chosen.states, params), cost.astype(np.float16))
 
 
-def read_lessons(run: Path) -> list[Lessons]:
-    """The lessons that a run of ``train imitate`` has collected, round by round.
+def read_datasets(run: Path) -> list[Dataset]:
+    """The datasets that a run of ``train imitate`` has collected, round by round.
 
     Raises:
         InvalidInputError: They are damaged.
     """
     parts = []
-    for path in sorted(run.glob("lessons-*.npz")):
+    for path in sorted(run.glob("labels-*.npz")):
         try:
             arrays = read_arrays(path, "observations", "cost", most=_LARGEST)
             observations, cost = arrays["observations"], arrays["cost"]
             if observations.ndim != 2 or cost.ndim != 2 or len(observations) != len(cost):
                 raise ArrayFileError("its arrays do not fit each other")
         except ArrayFileError as error:
-            expected = f"undamaged lessons ({error}; --overwrite begins again)"
-            raise InvalidInputError("lessons", str(path), expected) from None
-        parts.append(Lessons(observations.astype(np.float32), cost.astype(np.float16)))
+            expected = f"undamaged labels ({error}; --overwrite begins again)"
+            raise InvalidInputError("labels", str(path), expected) from None
+        parts.append(Dataset(observations.astype(np.float32), cost.astype(np.float16)))
     return parts
 
 
 def fit(
     network: Network | None,
-    parts: Sequence[Lessons],
+    parts: Sequence[Dataset],
     how: Fit,
     params: SnakeParams,
     seed: int,
     *,
     last: bool,
 ) -> tuple[Network, dict[str, float]]:
-    """Fits a network to lessons, so that the mean of what it says of state and mirror image is right.
+    """Fits a network to labels: the mean of its outputs for state and mirror image.
 
     Args:
         network: The initial network; None: random weights.
-        parts: The lessons.
+        parts: The datasets.
         how: The method's options.
         params: The robot.
         seed: Decides the order of the batches, and where a new network begins.
@@ -135,7 +135,7 @@ def fit(
         often that mode is infeasible.
     """
     torch.manual_seed(seed)
-    n, least = params.n_joints, worst(params, REWARD)
+    n, least = params.n_joints, failure_value(params, REWARD)
     module = (
         build([observation_size(n), *how.hidden, len(mode_table(n))])
         if network is None

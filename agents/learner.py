@@ -21,7 +21,7 @@ from snake_env.params import SnakeParams
 
 _LARGEST_WEIGHT = 1e6  # of a network that has not diverged
 Report = Callable[[int, dict[str, float]], None]
-"""Is told the decisions so far and the figures of an update."""
+"""Receives the number of decisions so far and the figures of an update."""
 
 
 class Learner(ABC):
@@ -77,7 +77,7 @@ class Learner(ABC):
         """Some decisions and the updates that follow."""
 
     def learn(self, until: int, seed: int, callback: BaseCallback, report: Report) -> None:
-        """Learns until it has made so many decisions, or some more: whole rounds.
+        """Learns until it has made ``until`` decisions, or some more: whole rounds.
 
         All random numbers are seeded first, and the robots begin new episodes: what follows depends on
         the state of :meth:`saved` and the seed alone.
@@ -113,7 +113,7 @@ class Learner(ABC):
                 report(model.num_timesteps, figures)
 
     def saved(self) -> dict[str, Any]:
-        """All that goes on from one call of :meth:`learn` to the next."""
+        """The state that :meth:`learn` needs to continue."""
         model = self.model
         return {
             "num_timesteps": model.num_timesteps,

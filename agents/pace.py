@@ -14,12 +14,12 @@ from snake_env.sim.tasks import random_suite
 
 _LEAST = 30.0
 _TASKS, _SEED = 32, 1
-_BEYOND = 10.0  # what fails is worth so many intervals less than all that succeeds
+_BEYOND = 10.0  # intervals by which failures are worth less than all successes
 
 
 @functools.lru_cache(maxsize=8)
-def failure(params: SnakeParams) -> float:
-    """What a state is worth from which the target is not reached [intervals].
+def failure_cost(params: SnakeParams) -> float:
+    """Cost of a state from which the target is not reached [intervals].
 
     Twice what the paper's optimiser, its equation (21), needs for some random tasks, in the median,
     and at least 30. So nearly all successes take less, and failures do not cost so much that nothing
@@ -40,7 +40,7 @@ def failure(params: SnakeParams) -> float:
     return max(_LEAST, 2.0 * float(np.median(needed))) if needed else _LEAST
 
 
-def worst(params: SnakeParams, reward: RewardWeights) -> float:
+def failure_value(params: SnakeParams, reward: RewardWeights) -> float:
     """Action value of what fails, below all others.
 
     Not as far as the return of a failure, which would cost the others their resolution.
@@ -49,4 +49,4 @@ def worst(params: SnakeParams, reward: RewardWeights) -> float:
         params: The robot.
         reward: In whose units.
     """
-    return reward.success + reward.time * (failure(params) + _BEYOND)
+    return reward.success + reward.time * (failure_cost(params) + _BEYOND)

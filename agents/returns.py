@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.pace import failure
+from agents.pace import failure_cost
 from agents.trials import tried_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
@@ -58,8 +58,8 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Their lambda-returns, at most what a failure is worth (:func:`agents.pace.failure`),
-            or what the network says, shape (N,).
+        intervals: Their lambda-returns, at most :func:`agents.pace.failure_cost`, or the network's
+            values, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
@@ -99,7 +99,7 @@ def play(shard: Play) -> Returns:
     needed, observations, intervals = _greedy(
         states, value, shard.trace_decay, scales[task], rng, params
     )
-    solved = (explores[task] == 0) & (needed < failure(params))
+    solved = (explores[task] == 0) & (needed < failure_cost(params))
     return Returns(
         part=shard.part,
         observations=observations,
@@ -153,7 +153,7 @@ def _greedy(
         Intervals from each to the target, or what a failure is worth; the observations on the ways and
         their lambda-returns, or successors' and what they are worth.
     """
-    longest = failure(params)
+    longest = failure_cost(params)
     needed = np.full(len(states), longest)
     seen: list[StateBatch] = []
     said: list[FloatArray] = []

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.labels import Decisions, join
-from agents.pace import failure
+from agents.pace import failure_cost
 from agents.trials import tried_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
@@ -26,13 +26,13 @@ from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
 FEW = 3
-"""A state with at most so many feasible modes is near a deadlock."""
+"""A state with at most this many feasible modes is near a deadlock."""
 _SIDE_BY_SIDE = 64  # episodes
-_LONGEST = 4 / 3  # an episode is left after so many times what a failure is worth
+_LONGEST = 4 / 3  # times the cost of a failure: longer episodes are abandoned
 _NOISE = 2.0  # largest scale of the noise in the teacher's choices [intervals]
 
 
-def judge(
+def label(
     states: StateBatch,
     value: ValueFunction,
     params: SnakeParams,
@@ -47,7 +47,7 @@ def judge(
         modes: Which valid modes are asked about, shape (N, n_modes); None: all.
     """
     tree = expand(states, params, modes)
-    after = np.clip(value(tree.states), 0.0, failure(params))
+    after = np.clip(value(tree.states), 0.0, failure_cost(params))
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
     cost[tree.parent, tree.mode] = 1.0 + after
@@ -114,7 +114,7 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
     scales = slips(shard.slip, count, rng)
     student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
-    for _ in range(round(_LONGEST * failure(params))):
+    for _ in range(round(_LONGEST * failure_cost(params))):
         if student is None:
             decisions, chosen = _of_teacher(states, shard, scale, rng)
         else:
@@ -136,9 +136,9 @@ def _of_teacher(
 ) -> tuple[Decisions, IntArray]:
     """What is kept of some states, and the teacher's choices, with noise; -1 in a deadlock.
 
-    All are judged; those near a deadlock are always kept.
+    All are labelled; those near a deadlock are always kept.
     """
-    decisions = _judged(states, shard, rng)
+    decisions = _labelled(states, shard, rng)
     noise = rng.gumbel(size=decisions.cost_to_go.shape)
     rank = np.where(decisions.feasible, decisions.cost_to_go - noise * scale[:, None], np.inf)
     feasible, valid = decisions.feasible.sum(axis=1), _valid(states, shard.params)
@@ -153,7 +153,7 @@ def _of_student(
     """What is kept of some states, and the student's choices; -1 in a deadlock.
 
     Where its choice is infeasible the teacher helps, and the state is kept. Only what is kept is
-    judged, so that the others are cheap.
+    labelled, so that the others are cheap.
     """
     params = shard.params
     chosen = preferred(states, student, params)
@@ -161,7 +161,7 @@ def _of_student(
     wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
     rows = np.flatnonzero(kept)
-    decisions = _judged(states.take(rows), shard, rng, also=chosen[rows])
+    decisions = _labelled(states.take(rows), shard, rng, also=chosen[rows])
     best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
     chosen[wrong] = best[wrong[rows]]
     return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
@@ -174,12 +174,12 @@ def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams
     return modes
 
 
-def _judged(
+def _labelled(
     states: StateBatch, shard: Visit, rng: np.random.Generator, also: IntArray | None = None
 ) -> Decisions:
     """What the teacher says about some states: about all their modes, or many."""
     tried = tried_modes(states, rng, shard.params, also)
-    return judge(states, network_value(shard.value, shard.params), shard.params, tried)
+    return label(states, network_value(shard.value, shard.params), shard.params, tried)
 
 
 def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:

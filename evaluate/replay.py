@@ -34,7 +34,7 @@ class Replay:
 
 
 def replay(row: Row, state: SnakeState, params: SnakeParams) -> Replay:
-    """Goes through the episode that a row tells of once more.
+    """Replays the episode of a row.
 
     Args:
         row: The episode.

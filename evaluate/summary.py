@@ -29,7 +29,7 @@ def build_summary(
     """Figures of all policies, and of each against the first.
 
     Args:
-        config: ``tasks``, ``preset``, ``params``, ``slip`` and ``models`` are told.
+        config: ``tasks``, ``preset``, ``params``, ``slip`` and ``models`` are described.
         rows: Each policy's episodes.
         latencies: Durations of decisions by policy [us], where they were measured.
         params: The constants.
@@ -68,14 +68,14 @@ def is_papers(summary: Mapping[str, Any]) -> bool:
 def unusual(summary: Mapping[str, Any]) -> list[str]:
     """The constants that are not the preset's, and how slippery the ground is."""
     usual, (metres, radians) = SnakeParams.preset(summary["preset"]), summary["slip"]
-    told = [
+    parts = [
         f"{name}={value}"
         for name, value in summary["params"].items()
         if value != getattr(usual, name)
     ]
     if metres or radians:
-        told.append(f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval")
-    return told
+        parts.append(f"slip of {1000.0 * metres:g} mm and {radians:g} rad per interval")
+    return parts
 
 
 def sentences(summary: Mapping[str, Any]) -> list[str]:

@@ -65,11 +65,11 @@ def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> i
     """
     _open_streams()
 
-    def told() -> int:
+    def on_interrupt() -> int:
         complain(interrupted)
         return interrupts.INTERRUPTED
 
-    return interrupts.guarded(lambda: _without_traceback(command), told)
+    return interrupts.guarded(lambda: _without_traceback(command), on_interrupt)
 
 
 def _without_traceback(command: Callable[[], int]) -> int:

@@ -95,12 +95,12 @@ class Engine:
                 capture_output=True,
                 timeout=_PATIENCE_S,
             )
-            answered, told, complaints = probe.returncode == 0, probe.stdout, probe.stderr
+            answered, printed, complaints = probe.returncode == 0, probe.stdout, probe.stderr
         except subprocess.TimeoutExpired as late:
-            answered, told, complaints = False, b"", late.stderr or b""
+            answered, printed, complaints = False, b"", late.stderr or b""
         if not answered:
-            raise InvalidInputError("address", address, _expected_cluster(told or complaints))
-        cpus = int(told)
+            raise InvalidInputError("address", address, _expected_cluster(printed or complaints))
+        cpus = int(printed)
         if self.workers > cpus:
             expected = f"at most {cpus}, the CPUs of the Ray cluster"
             raise InvalidInputError("workers", self.workers, expected)
@@ -171,7 +171,7 @@ class Engine:
         return int(cpus) if self.workers == -1 else wanted
 
     def _start_ray(self, cpus: int) -> None:
-        """Connects to the cluster, or starts one of so many CPUs; it ends with this process."""
+        """Connects to the cluster, or starts one with ``cpus`` CPUs, which ends with this process."""
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         import ray
 

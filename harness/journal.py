@@ -20,7 +20,7 @@ class Journal:
     Args:
         path: The file.
         config: What decides the results; work that is resumed must have the same.
-        resume: Whether to go on with the work in the file; otherwise it is replaced.
+        resume: Whether to continue the work in the file; otherwise it is replaced.
         take: Gets each finished piece that the file held; raises what Python does about bad values
             where it can't use one.
 

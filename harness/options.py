@@ -60,8 +60,8 @@ def parse(
             raise
         plain = re.sub(r"\x1b\[[0-9;]*m", "", complaint.getvalue())
         lines = [line.strip("\u2502 ").strip() for line in plain.splitlines()]
-        told = [line for line in lines if line and line[0] not in "\u256d\u2570\u2500"]
-        words = [line for line in told if not line.startswith("For full helptext")]
+        shown = [line for line in lines if line and line[0] not in "\u256d\u2570\u2500"]
+        words = [line for line in shown if not line.startswith("For full helptext")]
         raise OptionError(" ".join(words) + f" (see {prog} --help)") from None
 
 

@@ -19,7 +19,7 @@ INTERRUPTED = 130  # what a shell reports of a program that SIGINT ended
 _COMMANDS = {"snake_env", "evaluate", "train", "agents"}
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SAME_S = 0.05  # a terminal, make and a worker may all pass on the same Ctrl-C
-_INSISTING = 3  # so many more of them end even what is being put in order
+_INSISTING = 3  # this many more of them end even the clean-up
 
 
 def start() -> None:

@@ -81,5 +81,5 @@ def check_counters(
         or not min(segments * segment, total) <= decisions < total + iteration
         or decisions >= segments * (segment + iteration)
     ):
-        told = ", ".join(f"{name} {state.get(name)!r}" for name in names)
-        raise bad_checkpoint(path, f"plausible counters, not {told}")
+        counters = ", ".join(f"{name} {state.get(name)!r}" for name in names)
+        raise bad_checkpoint(path, f"plausible counters, not {counters}")

@@ -12,7 +12,7 @@ import torch
 from rich.console import Console
 
 from agents.checks import check_positive
-from agents.imitate import Fit, fit, lessons, read_lessons
+from agents.imitate import Fit, dataset, fit, read_datasets
 from agents.teacher import Visit, collect
 from harness.engine import Engine
 from harness.progress import progress
@@ -37,7 +37,7 @@ class Options:
     """Learn which mode is cheap from a teacher that knows what each would cost (DAgger).
 
     Round by round the student plays random tasks, the teacher judges every mode of the states on the
-    way, and the student is fitted to all judgements so far.
+    way, and the student is fitted to all labels so far.
     """
 
     value: Path
@@ -55,10 +55,10 @@ class Options:
     rounds: int = 4
     """Rounds of playing and fitting."""
     decisions: int = 131_072
-    """Decisions that are judged in each round, in parts of 2048."""
+    """Decisions that are labelled in each round, in parts of 2048."""
     overweight: float = 4.0
-    """Keep states in which the student's choice is infeasible so many times as often as others; the
-    first round, in which the teacher plays, keeps all."""
+    """States in which the student's choice is infeasible are kept this many times as often as others;
+    the first round, in which the teacher plays, keeps all."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.
@@ -80,7 +80,7 @@ def train(options: Options, console: Console) -> Path:
     """Runs all rounds, or those that an interrupted run has left.
 
     A round depends on the run's seed, its own number, the network before it and the
-    judgements so far.
+    labels so far.
 
     Returns:
         The best model's file.
@@ -112,7 +112,7 @@ def train(options: Options, console: Console) -> Path:
             _play(options, visits, number, params, folder.path, label, console)
             network, figures = fit(
                 network,
-                read_lessons(folder.path),
+                read_datasets(folder.path),
                 options.fit,
                 params,
                 seed=options.run.seed + 1000 * number,
@@ -176,17 +176,17 @@ def _play(
     label: str,
     console: Console,
 ) -> None:
-    """Collects a round's lessons and keeps them."""
+    """Collects a round's dataset and saves it."""
     collected = []
     with progress(console, len(visits) * _PART, "decisions") as advance:
         for part, decisions in options.engine.map(collect, visits):
-            collected.append((part, lessons(decisions, params)))
+            collected.append((part, dataset(decisions, params)))
             advance(label, _PART)
     collected.sort(key=lambda pair: pair[0])
     np.savez(
-        _lessons(folder, number),
-        observations=np.concatenate([lesson.observations for _, lesson in collected]),
-        cost=np.concatenate([lesson.cost for _, lesson in collected]),
+        _labels_file(folder, number),
+        observations=np.concatenate([part.observations for _, part in collected]),
+        cost=np.concatenate([part.cost for _, part in collected]),
     )
 
 
@@ -194,5 +194,5 @@ def _kept(path: Path, number: int) -> Path:
     return path / f"round-{number}.safetensors"
 
 
-def _lessons(path: Path, number: int) -> Path:
-    return path / f"lessons-{number}.npz"
+def _labels_file(path: Path, number: int) -> Path:
+    return path / f"labels-{number}.npz"

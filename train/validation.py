@@ -18,7 +18,7 @@ SUITE = "validation-2k"
 
 
 def check_count(field: str, count: int) -> None:
-    """Raises InvalidInputError unless the suite has so many tasks."""
+    """Raises InvalidInputError unless the suite has ``count`` tasks."""
     most = FROZEN[SUITE][0]
     if not 1 <= count <= most:
         raise InvalidInputError(field, count, f"1 to {most}")

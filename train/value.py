@@ -85,7 +85,7 @@ def train(options: Options, console: Console) -> Path:
     """Runs all generations, or those that an interrupted run has left.
 
     A generation depends on the run's seed, its own number and the network before it only. So a run
-    that was killed goes on with the generation it was in, and ends as if nothing had happened.
+    that was killed resumes in its generation, and ends with the same bytes.
 
     Returns:
         The model's file.

@@ -1,4 +1,4 @@
-"""What goes on beside a learner: progress, figures of its episodes, and Ctrl-C."""
+"""Watches a learner: progress, figures of its episodes, and Ctrl-C."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from evaluate.report.svg import (
 
 _ROW = 30.0  # height of a policy's row
 _NAME = 128.0  # where rows begin: names stand before
-_CLOSE_TO_ALL = 0.9  # a success rate from which policies are told apart on the axis
+_CLOSE_TO_ALL = 0.9  # a success rate from which policies are distinguished on the axis
 _PAPER_LATENCY_MS = 150.0  # section VI: the longest that (21) took in phase 1
 
 
@@ -101,16 +101,16 @@ def ratio_chart(entries: Sequence[Entry]) -> Markup:
         parts.append(_row_name(entry.name, y))
         if entry.ratio is None:
             continue
-        mean, told = entry.ratio["mean"], f"{entry.name}: {entry.ratio['mean']:.3f}"
+        mean, text = entry.ratio["mean"], f"{entry.name}: {entry.ratio['mean']:.3f}"
         parts.append(tag("text", f"{mean:.3f}", x=right + 10, y=y + 4, class_="value"))
         if mean > high:
-            parts.append(arrow(right, y, entry.style, told, turn=180))
+            parts.append(arrow(right, y, entry.style, text, turn=180))
             continue
         if "low" in entry.ratio:
             lower, upper = entry.ratio["low"], entry.ratio["high"]
             parts.append(whisker(scale(lower), y, scale(min(high, upper)), y, entry.style))
-            told += f", 95 % {lower:.3f} to {upper:.3f}"
-        parts.append(marker(scale(mean), y, entry.style, told))
+            text += f", 95 % {lower:.3f} to {upper:.3f}"
+        parts.append(marker(scale(mean), y, entry.style, text))
     return drawing(title, bottom + 40, parts)
 
 
@@ -127,14 +127,14 @@ def time_cost_chart(entries: Sequence[Entry]) -> Markup:
     for entry in known:
         ratio = entry.ratio or {}
         mean, x = ratio["mean"], scale(entry.figures["rollouts_per_decision"])
-        told = f"{entry.name}: {mean:.3f}"
+        text = f"{entry.name}: {mean:.3f}"
         if mean > high:
-            parts.append(arrow(x, 30.0, entry.style, told, turn=90, label=f"{mean:.2f}"))
+            parts.append(arrow(x, 30.0, entry.style, text, turn=90, label=f"{mean:.2f}"))
             continue
         if "low" in ratio:
             ends = y_scale(ratio["low"]), y_scale(min(high, ratio["high"]))
             parts.append(whisker(x, ends[0], x, ends[1], entry.style))
-        parts.append(marker(x, y_scale(mean), entry.style, told))
+        parts.append(marker(x, y_scale(mean), entry.style, text))
     return drawing("Mean time against model roll-outs per decision", 250.0, parts)
 
 
@@ -230,13 +230,13 @@ def _cost(title: str, places: Sequence[tuple[Entry, float]], axis: list[Markup])
         figures = entry.figures
         rate = 100.0 * figures["success_rate"]
         bottom, top = (100.0 * bound for bound in figures["wilson95"])
-        told = f"{entry.name}: {rate:.1f} %"
+        text = f"{entry.name}: {rate:.1f} %"
         if rate < low:
-            parts.append(arrow(x, 202.0, entry.style, told, turn=-90, label=f"{rate:.0f} %"))
+            parts.append(arrow(x, 202.0, entry.style, text, turn=-90, label=f"{rate:.0f} %"))
             continue
         y = y_scale(rate)
         parts.append(whisker(x, y_scale(max(low, bottom)), x, y_scale(top), entry.style))
-        parts.append(marker(x, y, entry.style, told))
+        parts.append(marker(x, y, entry.style, text))
     return drawing(title, 250.0, parts)
 
 

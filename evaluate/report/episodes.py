@@ -9,7 +9,7 @@ from evaluate.protocol import SKID, Row
 from snake_env.params import SnakeParams
 
 FAILURES_EACH = 4
-"""At most so many failures of each policy."""
+"""Most failures of a policy that are shown."""
 DISAGREEMENTS = 10
 
 

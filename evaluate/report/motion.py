@@ -43,7 +43,7 @@ class Motion:
 
 
 def motion_of(row: Row, state: SnakeState, params: SnakeParams) -> Motion:
-    """The motion of the episode that a row tells of.
+    """The motion of the episode of a row.
 
     Args:
         row: The episode.

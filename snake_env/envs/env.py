@@ -92,7 +92,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     1. Termination: the target is reached (``is_success``).
     2. Termination: the robot tips (22), a joint passes its limit (23), links touch, or the choice was
        not allowed. With ``on_infeasible="reject"`` infeasible choices are not executed: the robot holds
-       still for delta_t instead, and the episode goes on.
+       still for delta_t instead, and the episode continues.
     3. Truncation: after ``horizon`` = 100 decisions.
 
     ## Information

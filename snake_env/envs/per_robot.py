@@ -1,4 +1,4 @@
-"""What ``SyncVectorEnv`` tells of each of its envs, for robots that share one."""
+"""Attributes and methods of each env, as ``SyncVectorEnv`` gives them, for robots that share one."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def reward_terms(
         before: N states at t_k.
         after: The states at t_{k+1}.
         prediction: What happened in between.
-        outcome: How each episode ended with it, empty where it goes on, shape (N,).
+        outcome: How each episode ended with it, empty where it continues, shape (N,).
         weights: The terms' weights.
         params: The constants.
 

@@ -139,7 +139,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
     def step(
         self, actions: ArrayLike
     ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any], NDArray[Any], Info]:
-        """Executes a mode for each robot whose episode goes on, and resets the others.
+        """Executes a mode for each robot whose episode is running, and resets the others.
 
         Args:
             actions: Mode indices, shape (num_envs,).

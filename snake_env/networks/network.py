@@ -53,7 +53,7 @@ class Network:
             np.tanh(x, out=x)
 
     def scaled(self, factor: float) -> Network:
-        """The network whose outputs are so many times as large."""
+        """The network with its outputs multiplied by a factor."""
         *weights, last = self.weights
         *biases, offset = self.biases
         number = np.float32(factor)

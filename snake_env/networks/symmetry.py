@@ -50,8 +50,8 @@ def mirror(n_joints: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     return result
 
 
-def telling(size: int) -> int:
-    """Position of the value that tells the two images apart: in the canonical one it is not negative.
+def canonical_sign_index(size: int) -> int:
+    """Position of the value whose sign distinguishes the two images: not negative in the canonical one.
 
     It is the last joint's target, which stays the same through an episode: all that is compared within
     one is seen from the same side.
@@ -64,10 +64,10 @@ def telling(size: int) -> int:
 
 @functools.cache
 def joints_observed(size: int) -> int:
-    """How many joints a robot has whose observation has so many values.
+    """Number of joints of the robots whose observations have this size.
 
     Raises:
-        InvalidInputError: No robot's has.
+        InvalidInputError: No robot's observation has this size.
     """
     low, high = N_JOINTS_RANGE
     sizes = {observation_size(n): n for n in range(low, high + 1)}
@@ -113,7 +113,9 @@ def asked(network: Network, n_joints: int, symmetric: bool) -> SymmetricNetwork 
 
 
 class CanonicalNetwork:
-    """A network that is asked about one image of each state: the canonical one (:func:`telling`).
+    """A network that is asked about one image of each state, the canonical one.
+
+    That is the image in which the value at :func:`canonical_sign_index` is not negative.
 
     Args:
         network: Takes observations.
@@ -122,13 +124,13 @@ class CanonicalNetwork:
 
     def __init__(self, network: Network, n_joints: int) -> None:
         first = _for_images(network.weights[0], n_joints)
-        self._telling = telling(len(first))
+        self._sign_index = canonical_sign_index(len(first))
         self._of_canonical = network
         self._of_images = dataclasses.replace(network, weights=[first, *network.weights[1:]])
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
-        as_it_is = observations[:, self._telling] >= 0.0
+        as_it_is = observations[:, self._sign_index] >= 0.0
         count = np.count_nonzero(as_it_is)
         if count == len(observations):
             return self._of_canonical(observations)

@@ -19,7 +19,7 @@ from snake_env.state import SnakeState
 RESTARTS = 8
 """Searches with perturbed values where no plan has been found."""
 FAILURES = 3
-"""After so many searches that found nothing, though they had the time, (21) goes on alone."""
+"""After this many complete searches without a plan, (21) continues alone."""
 CUT_SHORT = 0.25
 """How much of a failure a search is that the deadline ended."""
 

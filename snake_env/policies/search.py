@@ -19,7 +19,7 @@ from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 SAME_SHAPE = 1e-3
 """Of states of a phase whose joints differ by no more one is kept, whatever else differs [rad]."""
 WIDENING = 4
-"""Each of a series of searches is so many times as wide as the one before."""
+"""Ratio of the widths of successive searches."""
 _STREAM = (0, 2)  # spawn key of the random numbers of searches: no task's are among them
 
 

@@ -71,7 +71,7 @@ def write_sb3_model(
     if file.suffix != ".safetensors":
         raise InvalidInputError("path", str(file), "a file whose name ends in .safetensors")
     robot, weights = _trained_for(model, params, reward_weights)
-    told = _checked_made(made)
+    manifest = _checked_made(made)
     policy: Any = model.policy
     is_actor = hasattr(policy, "mlp_extractor")  # sb3-contrib's are no ActorCriticPolicy
     if not (is_actor or isinstance(policy, DQNPolicy)):
@@ -97,7 +97,7 @@ def write_sb3_model(
     if (network.sizes[0], network.sizes[-1]) != wanted:
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"
         raise InvalidInputError("network", network.sizes, expected)
-    write_model(file, Model("policy", robot, network, told, critic, symmetric, values))
+    write_model(file, Model("policy", robot, network, manifest, critic, symmetric, values))
     return file
 
 
@@ -132,12 +132,12 @@ def _options(env: VecEnv | None) -> EnvOptions | None:
 
 def _checked_made(made: Mapping[str, Any] | None) -> dict[str, Any]:
     try:
-        told = {} if made is None else json.loads(json.dumps(made))
+        manifest = {} if made is None else json.loads(json.dumps(made))
     except (TypeError, ValueError):
-        told = None
-    if not isinstance(told, dict):
+        manifest = None
+    if not isinstance(manifest, dict):
         raise InvalidInputError("made", made, "a dict that JSON can hold")
-    return told
+    return manifest
 
 
 def _check_input(model: BaseAlgorithm) -> None:

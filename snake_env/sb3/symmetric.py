@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from snake_env.networks.symmetry import joints_observed, mirror, telling
+from snake_env.networks.symmetry import canonical_sign_index, joints_observed, mirror
 
 
 class Mirror(nn.Module):
@@ -64,6 +64,6 @@ class Canonical(_Asked):
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Its answers, shape (N, outputs)."""
         as_they_are, images = self._mirror(observations).chunk(2)
-        canonical = observations[:, telling(observations.shape[1]), None] >= 0.0
+        canonical = observations[:, canonical_sign_index(observations.shape[1]), None] >= 0.0
         answers: torch.Tensor = self.network(torch.where(canonical, as_they_are, images))
         return answers

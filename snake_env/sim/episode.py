@@ -34,7 +34,7 @@ class EpisodeSummary:
     """Figures of an episode, so far or at its end.
 
     Attributes:
-        outcome: One of :data:`OUTCOMES`; empty while the episode goes on.
+        outcome: One of :data:`OUTCOMES`; empty while the episode is running.
         intervals: Decisions made.
         time_s: Duration [s].
         shape_error_rad: Largest error of a joint, now or at the end: max |phi_i - target_i| [rad].

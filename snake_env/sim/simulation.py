@@ -43,7 +43,7 @@ assert (RUNNING, UNSTABLE, BEYOND_LIMIT) == (0, 1, 2)  # they index VIOLATIONS
 class Prediction:
     """What M lanes (a state with a mode each) do in one interval.
 
-    A lane stops at its first violation: its fields then tell of the time up to there.
+    A lane stops at its first violation: its fields then describe the time up to there.
 
     Attributes:
         phi: Joint angles at the end, shape (M, n) [rad].

@@ -65,7 +65,7 @@ SUITES = {
 }
 
 _AT_A_TIME = 1000
-"""A source of random numbers takes two kilobytes: so many tasks of a suite are drawn together."""
+"""Tasks of a suite that are drawn together: a source of random numbers takes two kilobytes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.imitate import Fit, fit, lessons
+from agents.imitate import Fit, dataset, fit
 from agents.labels import Decisions
-from agents.teacher import judge
+from agents.teacher import label
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import PREFERENCE, Model, read_model, write_model
 from snake_env.networks.network import Network
@@ -33,11 +33,11 @@ SMALL = (
 def decisions() -> Decisions:
     suite = load_tasks("random:24:8", PARAMS)
     states = StateBatch.initial(suite.phi0, suite.target, PARAMS)
-    return judge(states, PhaseValue(PARAMS), PARAMS)
+    return label(states, PhaseValue(PARAMS), PARAMS)
 
 
 def test_lessons__are_costs_of_what_the_mask_allows(decisions: Decisions) -> None:
-    lesson = lessons(decisions, PARAMS)
+    lesson = dataset(decisions, PARAMS)
     for k in range(len(lesson.cost)):
         cost = lesson.cost[k].astype(np.float64)
         mask, feasible = decisions.mask[k], decisions.feasible[k]
@@ -55,11 +55,11 @@ def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
         decisions.feasible & (np.arange(24) != 7)[:, None],
         np.where((np.arange(24) != 7)[:, None], decisions.cost_to_go, np.float32(np.inf)),
     )
-    assert len(lessons(stuck, PARAMS).cost) == 23
+    assert len(dataset(stuck, PARAMS).cost) == 23
 
 
 def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> None:
-    lesson = lessons(decisions, PARAMS)
+    lesson = dataset(decisions, PARAMS)
     how = Fit(hidden=(64,), epochs=1, batch_size=24)
     first, before = fit(None, [lesson], how, PARAMS, seed=0, last=False)
     network: Network = first
@@ -69,7 +69,7 @@ def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> N
 
 
 def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
-    lesson = lessons(decisions, PARAMS)
+    lesson = dataset(decisions, PARAMS)
     how = Fit(hidden=(8,), last_epochs=2, batch_size=8)
     one, other, third = (
         fit(None, [lesson], how, PARAMS, seed=seed, last=True)[0] for seed in (0, 0, 1)
@@ -79,7 +79,7 @@ def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
 
 
 def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
-    lesson = lessons(decisions, PARAMS)
+    lesson = dataset(decisions, PARAMS)
     how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
     network, _ = fit(None, [lesson], how, PARAMS, seed=0, last=False)
     estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)

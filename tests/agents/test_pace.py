@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.imitate import action_values
-from agents.pace import failure, worst
+from agents.pace import failure_cost, failure_value
 from evaluate.protocol import Shard, run_shard
 from snake_env.envs.reward import RewardWeights
 from snake_env.params import SnakeParams
@@ -19,17 +19,17 @@ def test_failure__is_twice_what_the_optimiser_needs(preset: str) -> None:
     states = [suite.initial(task, params) for task in range(32)]
     rows = run_shard(Shard("analytic", list(range(32)), states, params))
     needed = [row["intervals"] for row in rows if row["outcome"] == "success"]
-    assert failure(params) == max(30.0, 2.0 * np.median(needed))
+    assert failure_cost(params) == max(30.0, 2.0 * np.median(needed))
 
 
 def test_failure__is_more_for_a_slower_robot() -> None:
     slow = SnakeParams.preset("hardware")
-    assert failure(PAPER) == 30.0
-    assert 45.0 < failure(slow) < 60.0
-    assert failure(PAPER.replace(horizon=2)) == 30.0  # no task is solved
+    assert failure_cost(PAPER) == 30.0
+    assert 45.0 < failure_cost(slow) < 60.0
+    assert failure_cost(PAPER.replace(horizon=2)) == 30.0  # no task is solved
     reward = RewardWeights()
-    assert worst(PAPER, reward) == pytest.approx(1.0 - 0.1 * 40.0)
-    assert worst(slow, reward) == pytest.approx(1.0 - 0.1 * (failure(slow) + 10.0))
+    assert failure_value(PAPER, reward) == pytest.approx(1.0 - 0.1 * 40.0)
+    assert failure_value(slow, reward) == pytest.approx(1.0 - 0.1 * (failure_cost(slow) + 10.0))
 
 
 def test_action_values__of_all_that_succeeds_lie_above_what_fails() -> None:
@@ -37,8 +37,8 @@ def test_action_values__of_all_that_succeeds_lie_above_what_fails() -> None:
 
     for preset in ("paper", "hardware"):
         params = SnakeParams.preset(preset)
-        least = worst(params, RewardWeights())
-        costs = torch.tensor([[1.0, failure(params), 1.0 + failure(params), torch.inf]])
+        least = failure_value(params, RewardWeights())
+        costs = torch.tensor([[1.0, failure_cost(params), 1.0 + failure_cost(params), torch.inf]])
         (values,) = action_values(costs, least).tolist()
         assert values == sorted(values, reverse=True)
         assert values[-1] == pytest.approx(least)

@@ -6,16 +6,21 @@ import numpy as np
 import pytest
 
 from agents.labels import STATE_FIELDS, Decisions
-from agents.pace import failure
+from agents.pace import failure_cost
 from agents.teacher import (
     FEW,
     Visit,
     collect,
-    judge,
+    label,
 )
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, mirror, telling
+from snake_env.networks.symmetry import (
+    CanonicalNetwork,
+    SymmetricNetwork,
+    canonical_sign_index,
+    mirror,
+)
 from snake_env.params import SnakeParams
 from snake_env.policies.value import PhaseValue, network_value, pretrained
 from snake_env.sim.masks import action_masks
@@ -81,7 +86,7 @@ def _mirrored(state: SnakeState, params: SnakeParams) -> SnakeState:
 def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
     n = params.n_joints
     states = [random_state(seed, params, max(1, n - seed)) for seed in range(n - 1)]
-    decisions = judge(StateBatch.stack(states), PhaseValue(params), params)
+    decisions = label(StateBatch.stack(states), PhaseValue(params), params)
     shape = (n - 1, len(mode_table(n)))
     assert decisions.mask.shape == decisions.feasible.shape == decisions.cost_to_go.shape == shape
     for k, state in enumerate(states):
@@ -91,7 +96,7 @@ def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
         assert np.array_equal(decisions.feasible[k], feasible)
         assert np.array_equal(np.isfinite(decisions.cost_to_go[k]), feasible)
         assert decisions.cost_to_go[k].min() >= 1.0
-        assert (decisions.cost_to_go[k][feasible] <= 1.0 + failure(params)).all()
+        assert (decisions.cost_to_go[k][feasible] <= 1.0 + failure_cost(params)).all()
         assert same_state(decisions.states[k], state)
     assert np.array_equal(decisions.mask, action_masks(decisions.states, "instant", params))
     assert decisions.feasible.any()
@@ -159,7 +164,7 @@ def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negat
     asked = CanonicalNetwork(network, n_joints)
     last = [name for name, size in observation_rows(n_joints) for _ in range(size)]
     last_target = len(last) - 1 - last[::-1].index("target")
-    assert telling(sizes[0]) == last_target
+    assert canonical_sign_index(sizes[0]) == last_target
     x = rng.uniform(-1.0, 1.0, (8, sizes[0])).astype(np.float32)
     x[0, last_target] = 0.0
     images = x[:, order] * sign
@@ -195,18 +200,20 @@ def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
         def worth(states: StateBatch) -> np.ndarray:
             return 40.0 * value(states)  # far beyond both bounds
 
-        (cost,) = judge(StateBatch.stack([state]), worth, PAPER).cost_to_go
+        (cost,) = label(StateBatch.stack([state]), worth, PAPER).cost_to_go
         for mode, after in _after(state, PAPER).items():
             raw = float(worth(StateBatch.stack([after]))[0])
-            assert cost[mode] == pytest.approx(1.0 + min(max(raw, 0.0), failure(PAPER)), abs=1e-4)
-            bounds |= {raw < 0.0, raw > failure(PAPER)}
+            assert cost[mode] == pytest.approx(
+                1.0 + min(max(raw, 0.0), failure_cost(PAPER)), abs=1e-4
+            )
+            bounds |= {raw < 0.0, raw > failure_cost(PAPER)}
             checked += 1
     assert checked > 20
     assert bounds == {True, False}
 
 
 def test_judge__of_a_deadlock_finds_nothing() -> None:
-    decisions = judge(StateBatch.stack([BLOCKED] * 2), PhaseValue(NARROW), NARROW)
+    decisions = label(StateBatch.stack([BLOCKED] * 2), PhaseValue(NARROW), NARROW)
     assert not decisions.feasible.any()
     assert np.isinf(decisions.cost_to_go).all()
     assert len(decisions) == 2
@@ -228,7 +235,7 @@ def test_collect__says_what_judge_says() -> None:
     )
     for network in (_value(5), eleven):
         found = _collected(value=network, decisions=80)
-        assert _same(found, judge(found.states, network_value(network, FIVE), FIVE))
+        assert _same(found, label(found.states, network_value(network, FIVE), FIVE))
     assert set(found.cost_to_go[found.feasible]) == {12.0}  # none of them reaches the target
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from agents import returns
-from agents.pace import failure
+from agents.pace import failure_cost
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError, UnknownNameError
@@ -21,7 +21,7 @@ from snake_env.sim.tasks import random_tasks
 from snake_env.state import SnakeState, StateBatch
 
 FIVE = SnakeParams(n_joints=5)
-FAILURE = failure(FIVE)
+FAILURE = failure_cost(FIVE)
 SHARD = Play(seed=3, generation=1, part=2, count=64, network=None, trace_decay=1.0, params=FIVE)
 
 
