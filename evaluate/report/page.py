@@ -224,7 +224,7 @@ def _failures(
                     "policy": policy,
                     "cause": cause.replace("_", " "),
                     "counts": [counts[phase] for phase in phases],
-                    "shades": [round(100 * (counts[phase] / len(rows[policy])) ** 0.5)
+                    "shades": [round(60 * (counts[phase] / len(rows[policy])) ** 0.5)
                                for phase in phases],
                     "total": len(own),
                     "tasks": [row["task"] for row in own],
