@@ -29,7 +29,7 @@ INTEROP ?= sb3-contrib torchrl tianshou rllib
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test browser test-interop check policies results bench clean docs lock
+.PHONY: help setup demo test browser test-interop check policies scratch results bench clean docs lock
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -84,10 +84,16 @@ policies: .venv/.dev ## train every shipped policy from random weights, into sna
 	done
 	@for robot in $(ROBOTS); do $(RUN) -m train export build/policies/$$robot --overwrite || exit; done
 
+scratch: .venv/.dev ## train PPO and DQN without a student, the reference of the results page (a quarter of an hour)
+	@for algorithm in ppo dqn; do \
+		$(RUN) -m train $$algorithm --timesteps 2097152 --resume --out build/scratch/$$algorithm || exit; \
+	done
+
 TRAINED = $(patsubst %/models/validation.json,%,$(wildcard build/policies/*/models/validation.json))
+SCRATCH = $(patsubst %/best.safetensors,%,$(wildcard build/scratch/*/best.safetensors))
 results: .venv/.dev ## write docs/results.md from docs/data; MEASURE=1 evaluates first (half an hour)
 	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run) \
-		$(if $(TRAINED),--recipes $(TRAINED))
+		$(if $(TRAINED),--recipes $(TRAINED)) $(if $(SCRATCH),--scratch $(SCRATCH))
 
 bench: .venv/.dev ## measure speed
 	@$(RUN) -m benchmarks.kernel

@@ -75,6 +75,42 @@ def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
 _SHARES = ("raw_success", "critic_success")
 
 
+def collect_scratch(run: Path, robots: Collection[str]) -> dict[str, Any]:
+    """The figures of a finished run of PPO or DQN that began with random weights.
+
+    Args:
+        run: Its folder.
+        robots: Those that there are results of.
+
+    Returns:
+        ``algorithm``, ``robot``, ``command``, ``git``, ``seed``; ``timesteps``, and ``minutes`` of
+        learning; of its last validation ``count`` tasks, ``raw_success``, ``critic_success``,
+        ``raw_time_s`` and ``critic_time_s``.
+
+    Raises:
+        InvalidInputError: It is no such run, or damaged.
+    """
+    about = read_about(run, "scratch")
+    config, rows = about["config"], read_log(run / "log.csv")
+    if about["algorithm"] not in LEARNERS or about["robot"] not in robots or config["init"]:
+        found = f"{run}: {about['algorithm']} of {about['robot']}"
+        expected = f"runs of train ppo or dqn without --init, of {', '.join(robots)}"
+        raise InvalidInputError("scratch", found, expected)
+    if not rows or int(rows[-1]["timesteps"]) < config["timesteps"] or not rows[-1]["raw_success"]:
+        raise InvalidInputError("scratch", str(run), "a finished run (--resume finishes it)")
+    ends = [row for row in rows if row["frames_per_s"]]
+    decisions = np.diff([0, *(int(row["timesteps"]) for row in ends)])
+    seconds = decisions / [float(row["frames_per_s"]) for row in ends]
+    return {
+        **{key: about[key] for key in ("algorithm", "robot", "command", "git")},
+        "seed": config["seed"],
+        "timesteps": int(rows[-1]["timesteps"]),
+        "minutes": float(seconds.sum()) / 60.0,
+        "count": config["validation_tasks"],
+        **{key: float(rows[-1][key]) for key in (*_SHARES, "raw_time_s", "critic_time_s")},
+    }
+
+
 def draw(recipes: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Draws the curves of some robots' recipes, a panel each, with 95 % intervals and (21)'s line."""
     with style(_STYLE):

@@ -77,6 +77,8 @@ class Options:
     """With --run, only these: experiment, paper, narrow, six, ten, hardware, speed."""
     recipes: tuple[Path, ...] = ()
     """Folders of finished recipes: the page shows how they learned."""
+    scratch: tuple[Path, ...] = ()
+    """Folders of finished runs of train ppo and train dqn without --init, as a reference."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -96,6 +98,9 @@ def main(args: list[str] | None = None) -> int:
             write_atomically(DATA / f"{name}.json", _text(figures))
     for recipe in [learning.collect(folder, ROBOTS) for folder in options.recipes]:
         write_atomically(DATA / f"recipe-{recipe['robot']}.json", _text(recipe))
+    if options.scratch:
+        runs = [learning.collect_scratch(folder, ROBOTS) for folder in options.scratch]
+        write_atomically(DATA / "scratch.json", _text({"runs": runs}))
     recipes = _recipes()
     if recipes:
         learning.draw(recipes, CURVES)
@@ -163,6 +168,7 @@ def page() -> str:
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
         recipes=_recipes(),
+        scratch=(_data("scratch") or {"runs": []})["runs"],
         origins=_origins(),
         revisions=sorted(
             {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}

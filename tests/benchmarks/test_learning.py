@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks import learning, results
-from benchmarks.learning import collect
+from benchmarks.learning import collect, collect_scratch
 from evaluate.statistics import wilson95
 from snake_env.errors import InvalidInputError
 from train.recipe import ORDER
@@ -108,3 +108,50 @@ def test_results__show_a_recipe(
     assert "| `six` | `0123` | 1.5 | 2.5 | 3.5 | 4.5 | 5.5 | 6.5 | 24 |" in page
     assert "| `six` | 50 | 30 | 41 | 41 | 41 | 31 | 41 | 32 | 41 |" in page
     assert (tmp_path / "curves").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.fixture
+def scratch(tmp_path: Path) -> Path:
+    """The folder of a finished run without a student, as far as it is read."""
+    folder = tmp_path / "ppo-six-s1"
+    folder.mkdir()
+    config = {"params": {"n_joints": 6}, "seed": 1, "init": None, "timesteps": 3000}
+    about = {"schema": 1, "algorithm": "ppo", "robot": "six", "git": "0123", "versions": {}}
+    about |= {"command": "python -m train ppo", "config": {**config, "validation_tasks": 40}}
+    (folder / "run.json").write_text(json.dumps(about))
+    (folder / "log.csv").write_text(
+        "timesteps,frames_per_s,raw_success,raw_time_s,critic_success,critic_time_s\n"
+        "500,,,,,\n1000,100,0.2,60.0,0.5,50.0\n2000,,,,,\n3000,50,0.3,61.5,0.6,51.5\n"
+    )
+    return folder
+
+
+def test_run_from_scratch__gives_its_last_validation_and_its_minutes(scratch: Path) -> None:
+    assert collect_scratch(scratch, ["six"]) == {
+        "algorithm": "ppo",
+        "robot": "six",
+        "command": "python -m train ppo",
+        "git": "0123",
+        "seed": 1,
+        "timesteps": 3000,
+        "minutes": pytest.approx((1000 / 100 + 2000 / 50) / 60),
+        "count": 40,
+        "raw_success": 0.3,
+        "raw_time_s": 61.5,
+        "critic_success": 0.6,
+        "critic_time_s": 51.5,
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [({"init": "0a1b"}, "without --init"), ({"timesteps": 4000}, "a finished run")],
+)
+def test_run_with_a_student_or_without_an_end__is_no_reference(
+    scratch: Path, changes: dict[str, Any], reason: str
+) -> None:
+    about = json.loads((scratch / "run.json").read_text())
+    about["config"] |= changes
+    (scratch / "run.json").write_text(json.dumps(about))
+    with pytest.raises(InvalidInputError, match=rf"scratch = .*{reason}"):
+        collect_scratch(scratch, ["six"])
