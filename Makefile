@@ -86,7 +86,7 @@ policies: .venv/.dev ## train every shipped policy from random weights, into sna
 
 scratch: .venv/.dev ## train PPO and DQN without a student, the reference of the results page (a quarter of an hour)
 	@for algorithm in ppo dqn; do \
-		$(RUN) -m train $$algorithm --timesteps 2097152 --resume --out build/scratch/$$algorithm || exit; \
+		$(RUN) -m train $$algorithm --timesteps 1048576 --resume --out build/scratch/$$algorithm || exit; \
 	done
 
 TRAINED = $(patsubst %/models/validation.json,%,$(wildcard build/policies/*/models/validation.json))
