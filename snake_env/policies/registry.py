@@ -122,7 +122,7 @@ def _learned(name: str) -> Callable[..., Policy]:
         model = pretrained(params, name, transfer=transfer)
         if model is None:
             joints = sorted({each.params.n_joints for each in shipped(name)})
-            expected = f"{' or '.join(map(str, joints))}, for which {name} ships"
+            expected = f"one of {joints}, for which {name} ships"
             raise InvalidInputError("n_joints", params.n_joints, expected)
         critic = pretrained(
             params, "value", "lookahead", transfer=transfer

@@ -231,7 +231,6 @@ def test_load_policy__says_what_is_wrong(tmp_path: Path) -> None:
         load_policy("analytik+shield")
     with pytest.raises(InvalidInputError, match="No such file"):
         load_policy(tmp_path / "missing.safetensors")
-    with pytest.raises(
-        InvalidInputError, match="n_joints = 5: expected 6 or 8, for which ppo ships"
-    ):
+    expected = r"n_joints = 5: expected one of \[6, 8, 10\], for which ppo ships"
+    with pytest.raises(InvalidInputError, match=expected):
         load_policy("ppo", PARAMS.replace(n_joints=5))
