@@ -124,11 +124,11 @@ def _wander(
     for depth in range(_EXPLORED):
         going = explores[task] > depth
         noisy = np.flatnonzero(going)
-        tried = tried_modes(states.take(noisy), rng, params)
-        tree = expand(states.take(noisy), params, tried)
+        now = states.take(noisy)
+        tree = expand(now, params, tried_modes(now, rng, params))
         parent = noisy[tree.parent]
         noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
-        rank = value(tree.states) - noise + _creeping(tree, states.take(noisy))
+        rank = value(tree.states) - noise + _creeping(tree, now)
         chosen = best_of_each(parent, rank)
         moved = parent[chosen]
         after = slip_batch(tree.states.take(chosen), scales[task[moved]], rng)

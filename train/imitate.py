@@ -36,7 +36,7 @@ _ROUNDS = ("rounds", "decisions", "overweight")  # how they are collected
 class Options:
     """Learn which mode is cheap from a teacher that knows what each would cost (DAgger).
 
-    Round by round the student plays random tasks, the teacher judges every mode of the states on the
+    Round by round the student plays random tasks, the teacher labels the modes of the states on the
     way, and the student is fitted to all labels so far.
     """
 

@@ -74,7 +74,7 @@ class _Rewriter:
             rule = self._rules.get(name)
             places[position] = rule(*mapped) if rule else self._record(name, *mapped)
         self._new.stores = [(row, places[position]) for row, position in self._old.stores]
-        return _pruned(self._new)
+        return self._new.in_order(needed(self._new))
 
     def _record(self, name: str, *operands: int | float) -> int:
         position = self._new.record(name, *operands)
@@ -186,15 +186,3 @@ class _Rewriter:
             if b == y:
                 return self._choice(self._record("and", condition, inner), a, y)
         return self._record("select", condition, x, y)
-
-
-def _pruned(trace: Trace) -> Trace:
-    """The same trace without operations that no result needs."""
-    pruned = Trace()
-    places: dict[int, int] = {}
-    for position in needed(trace):
-        name, operands = trace.operations[position]
-        mapped = operands if name in LEAVES else tuple(places[int(o)] for o in operands)
-        places[position] = pruned.record(name, *mapped)
-    pruned.stores = [(row, places[position]) for row, position in trace.stores]
-    return pruned

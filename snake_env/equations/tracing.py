@@ -6,6 +6,7 @@ subexpressions are shared). A :class:`Traced` value stands for the result of one
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 LEAVES = ("lane", "shared", "clock", "number")
@@ -61,6 +62,29 @@ class Trace:
     def position(self, value: float | Traced) -> int:
         """Position of a traced value, or of a number's constant."""
         return value.position if isinstance(value, Traced) else self.record("number", float(value))
+
+    def in_order(self, order: Iterable[int]) -> Trace:
+        """A trace that stores the same results, of the operations at these positions.
+
+        Args:
+            order: Positions; computed operands come before what needs them. Loads and numbers may be
+                left out: each stands just before its first use.
+        """
+        ordered = Trace()
+        places: dict[int, int] = {}
+
+        def place(position: int) -> int:
+            if position not in places:
+                name, operands = self.operations[position]
+                moved = operands if name in LEAVES else [place(int(each)) for each in operands]
+                places[position] = ordered.record(name, *moved)
+            return places[position]
+
+        for position in order:
+            if self.operations[position].name not in LEAVES:
+                place(position)
+        ordered.stores = [(row, place(position)) for row, position in self.stores]
+        return ordered
 
 
 class Traced:

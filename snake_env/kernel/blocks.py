@@ -56,8 +56,8 @@ class BlockProgram:
         lanes: Lanes of a block; default: what suits the machine.
 
     Attributes:
-        loop: What is computed once per sub-step, rewritten.
-        last: What is computed once at the end, rewritten.
+        loop: What is computed once per sub-step, rewritten and scheduled.
+        last: What is computed once at the end, rewritten and scheduled.
     """
 
     def __init__(

@@ -62,7 +62,7 @@ def scheduled(trace: Trace) -> Trace:
                         frees[last] += 1
                         if missing[last] == 0:
                             offer(last)
-    return _in_order(trace, order)
+    return trace.in_order(order)
 
 
 def _computed_operands(trace: Trace, position: int) -> set[int]:
@@ -80,21 +80,3 @@ def _longest_ways(trace: Trace, users: list[list[int]]) -> list[int]:
         latency = _LATENCIES.get(trace.operations[position].name, _LATENCY)
         length[position] = latency + max((length[user] for user in users[position]), default=0)
     return length
-
-
-def _in_order(trace: Trace, order: list[int]) -> Trace:
-    """The trace with its computed operations in this order."""
-    ordered = Trace()
-    places: dict[int, int] = {}
-
-    def place(position: int) -> int:
-        name, operands = trace.operations[position]
-        if position not in places:
-            moved = operands if name in LEAVES else [place(int(each)) for each in operands]
-            places[position] = ordered.record(name, *moved)
-        return places[position]
-
-    for position in order:
-        place(position)
-    ordered.stores = [(row, place(position)) for row, position in trace.stores]
-    return ordered

@@ -88,8 +88,9 @@ def expand(
         params: The constants.
         modes: Which valid modes to predict, shape (N, n_modes); None: all.
     """
-    valid = mode_table(params.n_joints).masks(states.phase)
-    parent, mode = np.nonzero(valid if modes is None else modes)
+    if modes is None:
+        modes = mode_table(params.n_joints).masks(states.phase)
+    parent, mode = np.nonzero(modes)
     begun = states.take(parent)
     prediction = predict_batch(begun, mode, params)
     ended = successors(begun, mode, prediction, params)
