@@ -22,7 +22,7 @@ from benchmarks.operations import composition, processor
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from harness.command import console as make_console
-from snake_env.kernel.blocks import clock_of, constants_of
+from snake_env.kernel.blocks import block_width, clock_of, constants_of
 from snake_env.kernel.compiler import CACHE_VARIABLE
 from snake_env.kernel.interval import (
     PADDING,
@@ -100,7 +100,7 @@ def decision(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[li
 
 def loop(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
     """Operations of the kernel's loop, and its time against the least possible."""
-    kernel = get_kernel(params.n_joints, params.head_contact)
+    kernel = get_kernel(params.n_joints, params.head_contact, block_width())
     (times,) = timed(_runner(kernel, state, params))
     return composition(kernel, 1e9 * min(times) / len(_modes(params)) / params.n_steps)
 
@@ -125,7 +125,7 @@ def _runner(kernel: Kernel, state: SnakeState, params: SnakeParams) -> Callable[
 def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
     """The kernel on full blocks, lane by lane, and the equations on plain floats."""
     modes = _modes(params)
-    wide, narrow = get_kernel(8, True), get_kernel(8, True, 1)
+    wide, narrow = get_kernel(8, True, block_width()), get_kernel(8, True, 1)
     run_wide, run_narrow = _runner(wide, state, params), _runner(narrow, state, params)
 
     def floats() -> None:

@@ -34,14 +34,27 @@ _TUPLES = [
 
 
 @functools.cache
-def block_width() -> int:
+def block_widths() -> tuple[int, ...]:
+    """Widths of blocks that are worth a program of their own on this machine, narrowest first.
+
+    Eight lanes where a register holds eight numbers; there, four take a block through an interval
+    in two thirds of the time. Elsewhere four: with eight, each value takes two of the sixteen
+    registers, and most values wait in memory; with two, a block is less than a tenth faster.
+    """
+    return (4, 8) if vector_bits() >= 512 else (4,)
+
+
+def block_width(count: int | None = None) -> int:
     """Lanes of a block on this machine; results do not depend on it.
 
-    Eight where a register holds eight numbers. Elsewhere four: with eight, each value takes two
-    of the sixteen registers, and most values wait in memory. A narrower program for one mode is
-    less than a tenth faster: not worth a second compilation.
+    Args:
+        count: Lanes that are run at a time; default: many.
+
+    Returns:
+        The least width that holds them all in one block, or else the greatest.
     """
-    return 8 if vector_bits() >= 512 else 4
+    widths = block_widths()
+    return next((width for width in widths if count is not None and count <= width), widths[-1])
 
 
 class BlockProgram:
@@ -53,7 +66,7 @@ class BlockProgram:
         n_rows: Rows of a block.
         running: The row that is 0 for the lanes that are running.
         what: Name for the announcement of the compilation.
-        lanes: Lanes of a block; default: what suits the machine.
+        lanes: Lanes of a block; default: what suits many.
 
     Attributes:
         loop: What is computed once per sub-step, rewritten and scheduled.

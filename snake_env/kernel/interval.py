@@ -76,6 +76,7 @@ class Lane:
         return [mark == 1.0 for mark in self.grounded]
 
 
+@functools.cache
 def layout(n_joints: int) -> dict[str, slice]:
     """Rows of the lane buffer that hold each field of :class:`Lane`."""
     most = n_joints - 1 - MIN_GROUNDED
@@ -149,7 +150,7 @@ class Kernel(BlockProgram):
         lanes: Lanes of a block.
     """
 
-    def __init__(self, n_joints: int, head_contact: bool, lanes: int | None = None) -> None:
+    def __init__(self, n_joints: int, head_contact: bool, lanes: int) -> None:
         self.rows = layout(n_joints)
         loop, last = Trace(), Trace()
         n_rows = max(rows.stop for rows in self.rows.values())
@@ -179,8 +180,14 @@ class Kernel(BlockProgram):
 
 
 @functools.cache
-def get_kernel(n_joints: int, head_contact: bool, lanes: int | None = None) -> Kernel:
-    """The shared kernel for these sizes, compiled or loaded from the cache on first use."""
+def get_kernel(n_joints: int, head_contact: bool, lanes: int) -> Kernel:
+    """The shared kernel for these sizes, compiled or loaded from the cache on first use.
+
+    Args:
+        n_joints: Joints of the robots.
+        head_contact: That of the constants.
+        lanes: Lanes of a block, see :func:`snake_env.kernel.blocks.block_width`.
+    """
     return Kernel(n_joints, head_contact, lanes)
 
 

@@ -30,7 +30,7 @@ class LaneFunction(BlockProgram):
         lengths: How many scalars there are in each argument.
         head_contact: That of the constants.
         what: Name for the announcement of the compilation.
-        lanes: Lanes of a block; default: what suits the machine.
+        lanes: Lanes of a block; default: what suits many.
 
     Attributes:
         rows: Rows of a block that hold each argument.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from snake_env.equations.features import features
 from snake_env.equations.scalars import Scalar, absolute, both, maximum, negate, select
 from snake_env.kernel.blocks import constants_of
-from snake_env.kernel.interval import RUNNING, Kernel, get_kernel
+from snake_env.kernel.interval import RUNNING, Kernel, get_kernel, layout
 from snake_env.kernel.lane_function import LaneFunction
 from snake_env.params import SnakeParams
 from snake_env.sim.lanes import final_blocks
@@ -58,11 +58,12 @@ def ends(state: SnakeState, modes: IntArray, params: SnakeParams) -> Ends:
         InvalidInputError: The state does not fit the constants.
     """
     blocks, count = final_blocks(state, modes, params), len(modes)
-    at = get_kernel(params.n_joints, params.head_contact).rows
+    program = get_ends_program(params.n_joints, params.head_contact, blocks.shape[2])
+    at = layout(params.n_joints)
     violation, d2_min = (
         blocks[:, at[name].start].reshape(-1)[:count] for name in ("violation", "d2_min")
     )
-    results = get_ends_program(params.n_joints, params.head_contact)(blocks, state, params)[:count]
+    results = program(blocks, state, params)[:count]
     return Ends(
         executable=(violation == RUNNING) & (np.sqrt(d2_min) >= params.d_touch),
         reached=results[:, 0] > params.n_joints,
@@ -77,13 +78,14 @@ class EndsProgram(LaneFunction):
     Args:
         n_joints: Joints of the robots.
         head_contact: That of the constants.
+        lanes: Lanes of a block, as the kernel left them.
     """
 
-    def __init__(self, n_joints: int, head_contact: bool) -> None:
-        kernel, n = get_kernel(n_joints, head_contact), n_joints
+    def __init__(self, n_joints: int, head_contact: bool, lanes: int) -> None:
+        kernel, n = get_kernel(n_joints, head_contact, lanes), n_joints
         lengths = (kernel.n_rows, n, n)  # the lane, its target, its shape before the interval
         what = f"the ends of {n} joints"
-        super().__init__(functools.partial(_observed, kernel), lengths, head_contact, what)
+        super().__init__(functools.partial(_observed, kernel), lengths, head_contact, what, lanes)
         self._lane, self._target, self._before = self.rows
 
     def __call__(
@@ -139,6 +141,6 @@ def _observed(
 
 
 @functools.cache
-def get_ends_program(n_joints: int, head_contact: bool) -> EndsProgram:
+def get_ends_program(n_joints: int, head_contact: bool, lanes: int) -> EndsProgram:
     """The shared program for these sizes, compiled or loaded from the cache on first use."""
-    return EndsProgram(n_joints, head_contact)
+    return EndsProgram(n_joints, head_contact, lanes)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snake_env.kernel.blocks import block_widths
 from snake_env.params import SnakeParams
 from snake_env.policies.base import CANDIDATES, models_of
 from snake_env.policies.ends import ends, get_ends_program
@@ -67,7 +68,8 @@ def best_mode(
 def _load_program(value: ValueFunction, params: SnakeParams) -> None:
     """Compiles or loads what :func:`best_mode` will need, before decisions wait for it."""
     if isinstance(value, NetworkValue):
-        get_ends_program(params.n_joints, params.head_contact)
+        for lanes in block_widths():
+            get_ends_program(params.n_joints, params.head_contact, lanes)
 
 
 class ValuePolicy:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from snake_env.errors import InvalidInputError, InvalidModeError
-from snake_env.kernel.blocks import clock_of, constants_of
-from snake_env.kernel.interval import PADDING, get_kernel
+from snake_env.kernel.blocks import block_width, clock_of, constants_of
+from snake_env.kernel.interval import PADDING, get_kernel, layout
 from snake_env.modes import mode_table
 from snake_env.params import LARGEST, SnakeParams
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
@@ -109,9 +109,9 @@ def run_blocks(
     states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> FloatArray:
     """Runs the kernel over states with a mode each, or one state with all modes; its blocks."""
-    table = mode_table(params.n_joints)
-    kernel = get_kernel(params.n_joints, params.head_contact)
-    at, count = kernel.rows, len(modes)
+    table, count = mode_table(params.n_joints), len(modes)
+    kernel = get_kernel(params.n_joints, params.head_contact, block_width(count))
+    at = kernel.rows
     blocks = kernel.blocks(count)
     lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
     each, scp = np.arange(len(states)), states.phase - 1
@@ -134,8 +134,7 @@ def run_blocks(
 
 def _outcome(blocks: FloatArray, count: int, params: SnakeParams) -> dict[str, FloatArray]:
     """What each lane ends with, by field."""
-    kernel = get_kernel(params.n_joints, params.head_contact)
-    at = kernel.rows
-    lanes = blocks.transpose(1, 0, 2).reshape(kernel.n_rows, -1)[:, :count]
+    at = layout(params.n_joints)
+    lanes = blocks.transpose(1, 0, 2).reshape(blocks.shape[1], -1)[:, :count]
     outputs = ("phi", "w", "u", "integral", "duration", "violation", "d2_min", "max_abs_phi")
     return {name: np.ascontiguousarray(lanes[at[name]].T) for name in outputs}

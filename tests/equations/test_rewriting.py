@@ -150,7 +150,7 @@ def test_rewriting__leaves_out_what_no_result_needs() -> None:
 
 
 def test_rewriting__changes_the_kernels_results_by_rounding_only() -> None:
-    kernel = get_kernel(5, True)
+    kernel = get_kernel(5, True, 4)
     assert "fma" in _names(kernel.loop)
     for trace in (kernel.loop, kernel.last):
         again = rewritten(trace)  # nothing is left to do

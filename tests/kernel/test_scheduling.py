@@ -37,7 +37,7 @@ def test_scheduled_code__gives_the_same_bits() -> None:
 
 def test_schedule__holds_every_operation_once_and_operands_first() -> None:
     rng = np.random.default_rng(6)
-    for trace in (*(_random_trace(rng) for _ in range(50)), get_kernel(5, True).loop):
+    for trace in (*(_random_trace(rng) for _ in range(50)), get_kernel(5, True, 4).loop):
         ordered = scheduled(trace)
         assert Counter(_computed(ordered)) == Counter(_computed(trace))
         for position, (name, operands) in enumerate(ordered.operations):
@@ -71,7 +71,7 @@ def test_last_user_of_a_value__comes_before_longer_ways() -> None:
 
 
 def test_loads__stand_just_before_their_first_use() -> None:
-    for trace in (get_kernel(5, True).loop, get_mask_kernel(5, True).last):
+    for trace in (get_kernel(5, True, 4).loop, get_mask_kernel(5, True).last):
         for position, (name, _) in enumerate(trace.operations):
             if name in LEAVES:
                 following = (p for p in trace.operations[position:] if p.name not in LEAVES)

@@ -1,13 +1,16 @@
 """Ends: what an agent would see there, to the bit what the states that modes lead to look like."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from snake_env.errors import InvalidInputError, InvalidModeError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
-from snake_env.policies.ends import ends
+from snake_env.policies.ends import Ends, ends
 from snake_env.policies.search import expand
+from snake_env.sim import lanes as lanes_module
 from snake_env.sim.observation import observation_size, observe
 from snake_env.sim.simulation import predict
 from snake_env.state import StateBatch
@@ -39,6 +42,21 @@ def test_ends__are_those_of_the_successors(params: SnakeParams) -> None:
         left_out += int((~found.executable).sum())
     assert min(shifted, stayed) >= 20
     assert left_out >= 3
+
+
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+def test_ends__do_not_depend_on_the_width_of_blocks(
+    lanes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = random_state(1, PAPER, 3)
+    modes = mode_table(8).valid(3)
+    expected = ends(state, modes, PAPER)
+    monkeypatch.setattr(lanes_module, "block_width", lambda count: lanes)
+    for count in (1, 3, 5, len(modes)):
+        found = ends(state, modes[:count], PAPER)
+        for field in dataclasses.fields(Ends):
+            values = getattr(found, field.name), getattr(expected, field.name)[:count]
+            np.testing.assert_array_equal(*values)
 
 
 def test_ends__leave_out_modes_that_let_links_touch() -> None:

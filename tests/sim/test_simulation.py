@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from snake_env import set_num_threads
 from snake_env.errors import InvalidInputError
+from snake_env.kernel import blocks as blocks_module
 from snake_env.kernel.distance import d_min
-from snake_env.kernel.interval import get_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim import lanes as lanes_module
@@ -132,8 +132,32 @@ def test_lane__does_not_depend_on_the_width_of_blocks(  # type: ignore[no-untype
     mixed, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     states, modes, alone = mixed
-    monkeypatch.setattr(lanes_module, "get_kernel", lambda n, head: get_kernel(n, head, lanes))
+    monkeypatch.setattr(lanes_module, "block_width", lambda count: lanes)
     assert _bits(predict_batch(states, modes, PAPER)) == alone
+
+
+@pytest.mark.parametrize("widths", [(4,), (4, 8), (2, 4)])
+def test_lane__does_not_depend_on_how_many_share_the_call(  # type: ignore[no-untyped-def]
+    mixed, widths: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks_module, "block_widths", lambda: widths)
+    states, modes, alone = mixed
+    for count in range(1, 10):
+        some = np.arange(count)
+        assert _bits(predict_batch(states.take(some), modes[some], PAPER)) == alone[:count]
+
+
+@pytest.mark.parametrize(
+    ("bits", "expected"),
+    [(128, [4, 4, 4, 4, 4]), (256, [4, 4, 4, 4, 4]), (512, [4, 4, 8, 8, 8])],
+)
+def test_block_width__few_lanes_never_pay_for_idle_ones_where_a_narrower_block_is_faster(
+    bits: int, expected: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocks_module, "vector_bits", lambda: bits)
+    monkeypatch.setattr(blocks_module, "block_widths", blocks_module.block_widths.__wrapped__)
+    assert [blocks_module.block_width(count) for count in (1, 4, 5, 99)] == expected[:4]
+    assert blocks_module.block_width() == expected[4]
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.0, True, None, "2"])

@@ -6,13 +6,15 @@ from pathlib import Path
 import pytest
 
 from snake_env.kernel import compiler
+from snake_env.kernel.blocks import block_widths
 from snake_env.kernel.distance import get_distance_program
 from snake_env.kernel.instant_mask import get_mask_kernel
 from snake_env.kernel.interval import get_kernel
+from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.ends import get_ends_program
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.one_step import CriticPolicy, ValuePolicy
+from snake_env.policies.one_step import CriticPolicy, ValuePolicy, best_mode
 from snake_env.policies.registry import AnalyticPolicy
 from snake_env.policies.value import ActionValue, NetworkValue
 from snake_env.sim.masks import action_masks
@@ -34,7 +36,7 @@ def test_warm_up__leaves_nothing_to_compile(
     params = SnakeParams(n_joints=5)
     with caplog.at_level(logging.WARNING):
         warm_up(params)
-        assert caplog.text.count("compiling") == 3
+        assert caplog.text.count("compiling") == 2 + len(block_widths())
         caplog.clear()
         state = random_state(0, params)
         action_masks(StateBatch.stack([state]), "lookahead", params)
@@ -47,10 +49,13 @@ def test_warm_up__leaves_nothing_to_compile(
         assert not caplog.records  # nor do policies without a critic need what its ends look like
         value = NetworkValue(model_of(n_joints=5, kind="value"), params)
         critic = CriticPolicy(policy, value, params)
-        assert caplog.text.count("compiling") == 1
+        assert caplog.text.count("compiling") == len(block_widths())
         caplog.clear()
         critic.select_mode(state)
         ValuePolicy(params, value).select_mode(state)
+        for count in (1, 2, 4, 8):
+            valid = mode_table(5).valid(state.phase)
+            best_mode(state, valid[:count], value, params)
     assert not caplog.records
 
 
