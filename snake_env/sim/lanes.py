@@ -22,25 +22,46 @@ def final_blocks(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Fl
         Shape (n_blocks, n_rows, n_lanes), as :class:`snake_env.kernel.interval.Kernel` lays them out;
         a lane for each mode, then padding.
     """
-    states, chosen = checked_state(state, modes, params)
-    return run_blocks(states, chosen, params, clock_of(params))
+    return run_blocks(state, checked_for(state, modes, params), params, clock_of(params))
 
 
-def checked_state(
-    state: SnakeState, modes: ArrayLike, params: SnakeParams
-) -> tuple[StateBatch, IntArray]:
-    """A state as a batch of one, and modes, known to belong together."""
-    states, chosen = StateBatch.stack([state]), checked_modes(modes)
-    _check_modes(states, chosen, params)
-    return states, chosen
+def checked_for(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> IntArray:
+    """Modes as an array, shape (M,), each of which is known to be possible in a state.
+
+    Raises:
+        InvalidModeError: A mode is out of range or not valid in the phase.
+        InvalidInputError: The state does not fit the constants, or the modes are no list.
+    """
+    chosen = checked_modes(modes)
+    if len(chosen):
+        table = mode_table(params.n_joints)
+        if not _is_sound(state, params):
+            check_states(StateBatch.stack([state]), params)
+        if not table.valid_pairs(chosen, np.int64(state.phase)).all():
+            for mode in chosen:
+                table.check(int(mode), state.phase)
+    return chosen
 
 
-def checked_lane(state: SnakeState, mode: int, params: SnakeParams) -> tuple[StateBatch, IntArray]:
-    """A state with a mode as a batch, known to belong together."""
-    states = StateBatch.stack([state])
-    chosen = np.array([mode_table(params.n_joints).check(mode, state.phase)])
-    check_pairs(states, chosen, params)
-    return states, chosen
+def _is_sound(state: SnakeState, params: SnakeParams) -> bool:
+    """Whether a state is sure to pass :func:`check_states`: this is quicker than to ask that."""
+    n, w, phi, target = params.n_joints, state.w, state.phi, state.target
+    numbers = state.phase_time, state.ref_start, state.elapsed, state.last_turn
+    return (
+        w.shape == (3,)
+        and phi.shape == target.shape == (n,)
+        and bool(w @ w + phi @ phi + target @ target <= LARGEST)  # so is each of them
+        and all(isinstance(number, float) and abs(number) <= LARGEST for number in numbers)
+        and type(state.phase) is type(state.last_mode) is int
+        and 1 <= state.phase <= n + 1
+        and -1 <= state.last_mode < len(mode_table(n))
+    )
+
+
+def checked_mode(state: SnakeState, mode: int, params: SnakeParams) -> IntArray:
+    """:func:`checked_for` a single mode, shape (1,)."""
+    chosen = mode_table(params.n_joints).check(mode, state.phase)
+    return checked_for(state, [chosen], params)
 
 
 def checked_modes(modes: ArrayLike) -> IntArray:
@@ -84,38 +105,71 @@ def check_pairs(states: StateBatch, modes: IntArray, params: SnakeParams) -> Non
     """Raises where states, modes and constants do not belong together."""
     if len(modes) != len(states):
         raise InvalidInputError("modes", len(modes), f"one mode for each of {len(states)} states")
-    _check_modes(states, modes, params)
-
-
-def _check_modes(states: StateBatch, modes: IntArray, params: SnakeParams) -> None:
-    """Raises where a state, or a mode in its state, does not fit the constants."""
     if len(modes) == 0:
         return
     check_states(states, params)
     table = mode_table(params.n_joints)
     if not table.valid_pairs(modes, states.phase).all():
-        for mode, phase in np.broadcast(modes, states.phase):
+        for mode, phase in zip(modes, states.phase, strict=True):
             table.check(int(mode), int(phase))
 
 
 def run_lanes(
-    states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
+    states: SnakeState | StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> dict[str, FloatArray]:
     """Runs the kernel as :func:`run_blocks` does; what each lane ends with, by field."""
     return _outcome(run_blocks(states, modes, params, clock), len(modes), params)
 
 
 def run_blocks(
-    states: StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
+    states: SnakeState | StateBatch, modes: IntArray, params: SnakeParams, clock: FloatArray
 ) -> FloatArray:
     """Runs the kernel over states with a mode each, or one state with all modes; its blocks."""
-    table, count = mode_table(params.n_joints), len(modes)
+    count = len(modes)
     kernel = get_kernel(params.n_joints, params.head_contact, block_width(count))
-    at = kernel.rows
     blocks = kernel.blocks(count)
-    lanes = np.zeros((kernel.n_rows, len(blocks) * kernel.lanes))
-    each, scp = np.arange(len(states)), states.phase - 1
-    grounded = ~table.lifted_wheels(modes, states.phase)
+    if isinstance(states, SnakeState):
+        _fill_with_one(blocks, kernel.rows, states, modes)
+    else:
+        _fill_with_many(blocks, kernel.rows, states, modes)
+    kernel.run(blocks, constants_of(params), clock)
+    return blocks
+
+
+def _fill_with_one(
+    blocks: FloatArray, at: dict[str, slice], state: SnakeState, modes: IntArray
+) -> None:
+    """Writes one state with all modes: what the lanes share goes to all of them at once."""
+    n_blocks, n_rows, n_lanes = blocks.shape
+    if n_blocks == 0:
+        return
+    shared = np.zeros(n_rows)
+    shared[at["phi"]] = state.phi
+    shared[at["w"]] = state.w
+    shared[at["d2_min"]] = np.inf
+    shared[at["max_abs_phi"]] = np.abs(state.phi).max()
+    shared[at["phase"]] = state.phase
+    shared[at["target"]] = state.target[state.phase - 1]
+    shared[at["ref_start"]] = state.ref_start
+    shared[at["phase_time"]] = state.phase_time
+    blocks[:] = shared[:, None]
+    by_lane = np.zeros(n_blocks * n_lanes, dtype=np.int64)
+    by_lane[: len(modes)] = modes
+    blocks[-1, at["violation"], len(modes) - (n_blocks - 1) * n_lanes :] = PADDING
+    by_block, table = by_lane.reshape(n_blocks, n_lanes), mode_table(len(state.phi))
+    grounded = ~table.lifted_wheels(by_block, np.int64(state.phase))
+    blocks[:, at["grounded"]] = grounded.transpose(0, 2, 1)
+    blocks[:, at["wheels"]] = table.wheels[by_block].transpose(0, 2, 1)
+
+
+def _fill_with_many(
+    blocks: FloatArray, at: dict[str, slice], states: StateBatch, modes: IntArray
+) -> None:
+    """Writes states with a mode each."""
+    n_blocks, n_rows, n_lanes = blocks.shape
+    table, count = mode_table(states.phi.shape[1]), len(modes)
+    lanes = np.zeros((n_rows, n_blocks * n_lanes))
+    each, scp = np.arange(count), states.phase - 1
     lanes[at["violation"], count:] = PADDING
     lanes[at["d2_min"]] = np.inf
     lanes[at["phi"], :count] = states.phi.T
@@ -125,11 +179,9 @@ def run_blocks(
     lanes[at["target"], :count] = states.target[each, scp]
     lanes[at["ref_start"], :count] = states.ref_start
     lanes[at["phase_time"], :count] = states.phase_time
-    lanes[at["grounded"], :count] = grounded.T
+    lanes[at["grounded"], :count] = ~table.lifted_wheels(modes, states.phase).T
     lanes[at["wheels"], :count] = table.wheels[modes].T
-    blocks[:] = lanes.reshape(kernel.n_rows, len(blocks), kernel.lanes).transpose(1, 0, 2)
-    kernel.run(blocks, constants_of(params), clock)
-    return blocks
+    blocks[:] = lanes.reshape(n_rows, n_blocks, n_lanes).transpose(1, 0, 2)
 
 
 def _outcome(blocks: FloatArray, count: int, params: SnakeParams) -> dict[str, FloatArray]:

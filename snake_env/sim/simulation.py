@@ -25,9 +25,9 @@ from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.lanes import (
     check_pairs,
-    checked_lane,
+    checked_for,
+    checked_mode,
     checked_modes,
-    checked_state,
     run_lanes,
 )
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
@@ -92,7 +92,7 @@ def predict(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Predict
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants.
     """
-    return _predict(*checked_state(state, modes, params), params)
+    return _predict(state, checked_for(state, modes, params), params)
 
 
 def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> Prediction:
@@ -112,12 +112,14 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
     return _predict(states, chosen, params)
 
 
-def _predict(states: StateBatch, modes: IntArray, params: SnakeParams) -> Prediction:
+def _predict(states: SnakeState | StateBatch, modes: IntArray, params: SnakeParams) -> Prediction:
     """:func:`predict_batch`, of one state with all modes too, once all has been checked."""
     outcome = run_lanes(states, modes, params, clock_of(params))
-    scp = states.phase - 1
-    begun = states.phi[np.arange(len(states)), scp]
-    turned = np.abs(outcome["phi"][np.arange(len(modes)), scp] - begun)
+    lanes = np.arange(len(modes))
+    scp = (
+        np.minimum(states.phase, params.n_joints) - 1
+    )  # none once the target is reached, nor modes
+    turned = np.abs((outcome["phi"] - states.phi)[lanes, scp])
     code = outcome["violation"][:, 0].astype(np.intp)
     feasible = code == 0
     integral = outcome["integral"][:, 0]
@@ -229,9 +231,9 @@ def joint_input(state: SnakeState, mode: int, t: float, params: SnakeParams) -> 
     """
     if not isinstance(t, (int, float, np.number)) or not 0.0 <= t <= params.delta_t:
         raise InvalidInputError("t", t, f"a time from 0 to delta_t = {params.delta_t} s")
-    states, chosen = checked_lane(state, mode, params)
+    chosen = checked_mode(state, mode, params)
     now = np.array([[float(t), redundancy_gain(float(t), params)]])
-    u: FloatArray = run_lanes(states, chosen, params, now)["u"][0]
+    u: FloatArray = run_lanes(state, chosen, params, now)["u"][0]
     return u
 
 
@@ -249,8 +251,8 @@ def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, Floa
     Raises:
         InvalidModeError: The mode is out of range or not valid in the phase.
     """
-    states, chosen = checked_lane(state, mode, params)
-    grounded = ~mode_table(params.n_joints).lifted_wheels(chosen, states.phase)[0]
+    chosen = checked_mode(state, mode, params)
+    grounded = ~mode_table(params.n_joints).lifted_wheels(chosen, np.int64(state.phase))[0]
     program = get_cost_program(params.n_joints)
     values = program.of_one(params, (state.phi, float(state.phase), grounded), np.float64)
     return float(values[0]), values[1:]

@@ -166,8 +166,9 @@ def test_set_num_threads__refuses_what_is_no_count(count: object) -> None:
         set_num_threads(count)  # type: ignore[arg-type]
 
 
-def test_predict__of_no_modes_is_empty() -> None:
-    prediction = predict(straight_state(), [], PAPER)
+@pytest.mark.parametrize("phase", [1, 8, 9])
+def test_predict__of_no_modes_is_empty(phase: int) -> None:
+    prediction = predict(straight_state().replace(phase=phase), [], PAPER)
     assert len(prediction) == 0
     assert prediction.phi.shape == (0, 8)
 

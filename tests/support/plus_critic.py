@@ -24,6 +24,8 @@ def plus_critic(
 ) -> Told:
     """Simulates one mode at a time: the favourites, the next ones, the others; (21) in the end.
 
+    Nothing where the phase allows one mode only.
+
     Args:
         state: The robot at t_k.
         ranked: The modes that may be chosen, the preferred ones first.
@@ -31,6 +33,9 @@ def plus_critic(
         params: The constants.
         k: Favourites at a time.
     """
+    possible = mode_table(params.n_joints).valid(state.phase).tolist()
+    if len(possible) == 1:
+        return Told(possible[0], 0, "no choice")
     simulated, standing = 0, []
     portions = {
         "favourites": ranked[:k],
@@ -53,7 +58,7 @@ def plus_critic(
     if standing:
         return Told(min(standing)[2], simulated, "leads nowhere")
     lasting = []
-    for mode in mode_table(params.n_joints).valid(state.phase).tolist():
+    for mode in possible:
         prediction = predict(state, [mode], params)
         simulated += 1
         lasting.append((not prediction.feasible[0], prediction.j[0], -prediction.duration[0], mode))

@@ -61,7 +61,7 @@ def _check(file: Path, value: ValueFunction) -> None:
     assert isinstance(policy, CriticPolicy)
     for seed in range(30):
         state = random_state(seed, OWN)
-        ranked = NetworkPolicy(OWN, model).ranking(state)
+        ranked = NetworkPolicy(OWN, model).favourites(state, 3)
         told = plus_critic(state, ranked, value, OWN, 3)
         policy.reset()
         before = policy.rollouts
