@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, Decisions
-from agents.mlp import batches, build, from_numpy, to_numpy
+from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
 from agents.pace import failure_value
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -119,6 +119,7 @@ def fit(
     seed: int,
     *,
     last: bool,
+    track: Track = untracked,
 ) -> tuple[Network, dict[str, float]]:
     """Fits a network to labels: the mean of its outputs for state and mirror image.
 
@@ -129,6 +130,7 @@ def fit(
         params: The robot.
         seed: Decides the order of the batches, and where a new network begins.
         last: Whether it is the last round.
+        track: Shows how far it has come.
 
     Returns:
         The network; and of the last pass the mean regret of the preferred mode [intervals], and how
@@ -151,7 +153,7 @@ def fit(
         optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * steps
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
-    for rows in batches(len(x), size, epochs, how.device):
+    for rows in track(batches(len(x), size, epochs, how.device), epochs * steps):
         costs = cost[rows].float()
         values = symmetric(x[rows]).masked_fill(costs < 0.0, -1e9)
         regret = _regret(costs, how)

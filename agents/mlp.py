@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import torch
 from torch import nn
@@ -87,6 +87,15 @@ def batches(count: int, size: int, epochs: int, device: str) -> Iterator[torch.T
     for _ in range(epochs):
         shuffled = torch.randperm(count)[: count // size * size]
         yield from shuffled.reshape(-1, size).to(device)
+
+
+Track = Callable[[Iterable[torch.Tensor], int], Iterable[torch.Tensor]]
+"""Passes on the batches of a fit, given how many there are, and may show how far it has come."""
+
+
+def untracked(batches: Iterable[torch.Tensor], total: int) -> Iterable[torch.Tensor]:
+    """The batches as they are."""
+    return batches
 
 
 def falling(learning_rate: float) -> Callable[[float], float]:

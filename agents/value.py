@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.mlp import batches, build, from_numpy, to_numpy
+from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3.model_writer import linear_layers
@@ -65,6 +65,7 @@ def fit(
     seed: int,
     *,
     quick: bool = False,
+    track: Track = untracked,
 ) -> tuple[Network, float]:
     """Fits a network to returns, so that the mean of what it says of state and mirror image is right.
 
@@ -77,6 +78,7 @@ def fit(
         n_joints: Joints of the robot.
         seed: Decides the order of the batches, and where a new network begins.
         quick: It is to be asked about one image only.
+        track: Shows how far it has come.
 
     Returns:
         The network and its mean absolute error in the last pass [intervals].
@@ -98,7 +100,7 @@ def fit(
         optimizer, learning_rate, total_steps=max(20, how.epochs * steps + 1), pct_start=0.1
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
-    for rows in batches(len(x), size, how.epochs, how.device):
+    for rows in track(batches(len(x), size, how.epochs, how.device), how.epochs * steps):
         estimate = asked(x[rows])[:, 0]
         loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
         optimizer.zero_grad()

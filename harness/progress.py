@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -29,6 +29,17 @@ class Advance(Protocol):
 
     def __call__(self, label: str, count: int) -> None:
         """Adds ``count`` units of the kind ``label``."""
+
+
+T = TypeVar("T")
+
+
+def tracked(console: Console, label: str, unit: str, items: Iterable[T], total: int) -> Iterator[T]:
+    """Passes on items, of which there are ``total``, and shows how far they have come."""
+    with progress(console, total, unit) as advance:
+        for item in items:
+            yield item
+            advance(label, 1)
 
 
 class _LabelColumn(ProgressColumn):

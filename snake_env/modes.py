@@ -86,13 +86,15 @@ class ModeTable:
         return mask
 
     def lifted_wheels(
-        self, modes: NDArray[np.int64], phases: NDArray[np.int64]
+        self, modes: NDArray[np.int64], phases: NDArray[np.int64] | np.int64
     ) -> NDArray[np.bool_]:
-        """All wheels in the air, the SCP's included, for N modes and phases: shape (N, n)."""
+        """All wheels in the air, the SCP's included, for modes and their phases: shape (..., n)."""
         lifted: NDArray[np.bool_] = self.lifted[modes] | self._scp[phases - 1]
         return lifted
 
-    def valid_pairs(self, modes: NDArray[np.int64], phases: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def valid_pairs(
+        self, modes: NDArray[np.int64], phases: NDArray[np.int64] | np.int64
+    ) -> NDArray[np.bool_]:
         """Whether each of N modes exists and is allowed by the phase beside it: shape (N,)."""
         inside = (modes >= 0) & (modes < len(self))
         valid: NDArray[np.bool_] = self._masks[phases - 1, np.where(inside, modes, 0)] & inside

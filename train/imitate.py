@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from agents.checks import check_positive
 from agents.imitate import Fit, dataset, fit, read_datasets
 from agents.teacher import Visit, collect
 from harness.engine import Engine
-from harness.progress import progress
+from harness.progress import progress, tracked
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
@@ -117,6 +118,7 @@ def train(options: Options, console: Console) -> Path:
                 params,
                 seed=options.run.seed + 1000 * number,
                 last=number == options.rounds - 1,
+                track=functools.partial(tracked, console, label, "batches"),
             )
             kept = _kept(folder.path, number)
             made = {"command": command(), "config": config, "round": number + 1}

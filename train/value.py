@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from agents.checks import check_positive, check_share
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from harness.engine import Engine
-from harness.progress import progress
+from harness.progress import progress, tracked
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
@@ -160,6 +161,7 @@ def train(options: Options, console: Console) -> Path:
                 params.n_joints,
                 seed=options.run.seed + 1000 * generation,
                 quick=options.distil,
+                track=functools.partial(tracked, console, label, "batches"),
             )
             strict = sum(returns.strict for returns in played)
             solved = sum(returns.solved for returns in played)

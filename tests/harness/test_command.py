@@ -13,7 +13,7 @@ import pytest
 from rich.table import Table
 
 from harness.command import PlainConsole, complain, exit_code
-from harness.progress import progress
+from harness.progress import progress, tracked
 from tests.support import ROOT
 
 ODD = [
@@ -88,6 +88,23 @@ def test_rate_and_time_left__count_what_is_done_now_only(
         now[0] += 10.0
         step("ppo", 10_000)
     assert file.getvalue() == "ppo: 910000/1000000 decisions, 1000/s, 90 s left\n"
+
+
+def test_tracked__passes_on_all_items_and_shows_how_far_they_have_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("harness.progress.time.monotonic", lambda: now[0])
+    passed = []
+    with _printing() as (console, file):
+        for item in tracked(console, "fit", "batches", iter("abc"), 3):
+            passed.append(item)
+            now[0] += 10.0
+    assert passed == ["a", "b", "c"]
+    assert file.getvalue().splitlines() == [
+        "fit: 1/3 batches, 0/s, 20 s left",
+        "fit: 2/3 batches, 0/s, 10 s left",
+    ]
 
 
 def _shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
