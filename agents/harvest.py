@@ -14,7 +14,7 @@ import numpy as np
 from agents.teacher import preferred
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.networks.symmetry import CanonicalNetwork
 from snake_env.params import SnakeParams
 from snake_env.policies.search import expand
 from snake_env.sim.episode import STILL
@@ -67,7 +67,7 @@ def play(shard: Trial) -> Lost:
     params = shard.params
     rng = np.random.default_rng(np.random.SeedSequence(shard.seed, spawn_key=(shard.part, 0)))
     phi0, target = random_tasks(rng.spawn(shard.count), params)
-    network = SymmetricNetwork(shard.network, params.n_joints)
+    network = CanonicalNetwork(shard.network, params.n_joints)
     states, task = StateBatch.initial(phi0, target, params), np.arange(shard.count)
     lost = np.zeros(shard.count, dtype=np.bool_)
     scales = slips(shard.slip, shard.count, rng)

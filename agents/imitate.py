@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, Decisions
@@ -29,7 +30,7 @@ from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3.model_writer import linear_layers
-from snake_env.sb3.symmetric import Symmetric
+from snake_env.sb3.symmetric import CanonicalImage
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
 
@@ -121,7 +122,7 @@ def fit(
     last: bool,
     track: Track = untracked,
 ) -> tuple[Network, dict[str, float]]:
-    """Fits a network to labels: the mean of its outputs for state and mirror image.
+    """Fits a network to labels.
 
     Args:
         network: The initial network; None: random weights.
@@ -143,7 +144,7 @@ def fit(
         if network is None
         else from_numpy(network.scaled(PREFERENCE))
     )
-    symmetric = Symmetric(module).to(how.device)
+    seeing = nn.Sequential(CanonicalImage(observation_size(n)), module).to(how.device)
     x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
     cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
@@ -155,7 +156,7 @@ def fit(
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
     for rows in track(batches(len(x), size, epochs, how.device), epochs * steps):
         costs = cost[rows].float()
-        values = symmetric(x[rows]).masked_fill(costs < 0.0, -1e9)
+        values = seeing(x[rows]).masked_fill(costs < 0.0, -1e9)
         regret = _regret(costs, how)
         loss = _loss(values, costs, regret, how, least)
         optimizer.zero_grad()

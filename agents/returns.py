@@ -22,7 +22,6 @@ from snake_env.state import FloatArray, IntArray, StateBatch
 _LAST = 1e5  # intervals: more than anything is worth
 _EXPLORED = 10  # an episode explores for fewer intervals than this
 _AT_ONCE = 0.25  # share of episodes that don't explore at all
-_SUCCESSORS = 32  # of a state, that are kept for a smaller network; ten joints have up to 466
 _NOISE = (0.3, 3.0)  # least and largest scale of the noise [intervals]
 
 
@@ -36,7 +35,7 @@ class Play:
         part: Which shard of it.
         count: Number of episodes.
         network: The present value; None: minus the potential of the reward.
-        trace_decay: Lambda; None: what the network says about successors instead of returns.
+        trace_decay: Lambda.
         params: The constants.
         slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
     """
@@ -46,7 +45,7 @@ class Play:
     part: int
     count: int
     network: Network | None
-    trace_decay: float | None
+    trace_decay: float
     params: SnakeParams
     slip: Slip = NO_SLIP
 
@@ -58,8 +57,7 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Their lambda-returns, at most :func:`agents.pace.failure_cost`, or the network's
-            values, shape (N,).
+        intervals: Their lambda-returns, at most :func:`agents.pace.failure_cost`, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
@@ -142,7 +140,7 @@ def _wander(
 def _greedy(
     states: StateBatch,
     value: ValueFunction,
-    trace_decay: float | None,
+    trace_decay: float,
     scales: FloatArray,
     rng: np.random.Generator,
     params: SnakeParams,
@@ -151,22 +149,17 @@ def _greedy(
 
     Returns:
         Intervals from each to the target, or what a failure is worth; the observations on the ways and
-        their lambda-returns, or successors' and what they are worth.
+        their lambda-returns.
     """
     longest = failure_cost(params)
     needed = np.full(len(states), longest)
     seen: list[StateBatch] = []
-    said: list[FloatArray] = []
     steps: list[tuple[IntArray, IntArray, FloatArray]] = []
     now, playing = states, np.arange(len(states))
     while len(playing) and len(steps) < longest:
         tree = expand(now, params, tried_modes(now, rng, params))
         worth = value(tree.states)
-        open_ = np.flatnonzero(tree.states.phase <= params.n_joints)
-        if trace_decay is None:
-            open_ = open_[_some_of_each(tree.parent[open_], rng)]
-        seen.append(now if trace_decay is not None else tree.states.take(open_))
-        said.append(worth[open_])
+        seen.append(now)
         chosen = best_of_each(tree.parent, worth + _creeping(tree, now))
         moved = playing[tree.parent[chosen]]
         now = slip_batch(tree.states.take(chosen), scales[moved], rng)
@@ -174,24 +167,10 @@ def _greedy(
         reached = now.phase > params.n_joints
         needed[moved[reached]] = len(steps)
         now, playing = now.take(np.flatnonzero(~reached)), moved[~reached]
-    if trace_decay is not None:
-        after = np.where(needed < longest, 0.0, longest)
-        said = _lambda_returns(steps, after, trace_decay, longest)
+    after = np.where(needed < longest, 0.0, longest)
+    returns = _lambda_returns(steps, after, trace_decay, longest)
     observations = np.concatenate([observe(states, params) for states in seen])
-    return needed, observations, np.concatenate(said).astype(np.float32)
-
-
-def _some_of_each(parent: IntArray, rng: np.random.Generator) -> IntArray:
-    """Positions of at most :data:`_SUCCESSORS` random successors of each state, in their order.
-
-    Args:
-        parent: The state that each is a successor of, in ascending order, shape (N,).
-        rng: Source of randomness.
-    """
-    order = np.lexsort((rng.random(len(parent)), parent))
-    rank = np.arange(len(parent)) - np.searchsorted(parent, parent)
-    kept: IntArray = np.sort(order[rank < _SUCCESSORS])
-    return kept
+    return needed, observations, np.concatenate(returns).astype(np.float32)
 
 
 def _creeping(tree: Expansion, before: StateBatch) -> FloatArray:

@@ -5,9 +5,6 @@ of the value with noise. From then on it is greedy, and what it needs from each 
 exactly what that state is worth under the present value. The next value is fitted to these returns, or
 to lambda-returns (TD(lambda), Sutton and Barto, section 12.1), which trust the present value for what
 lies further ahead: how long an episode takes hangs on tiny differences, so returns are noisy.
-
-A smaller network is distilled from a large one: fitted to what that says about the successors of the
-states that it passes, for which there is no noise and much more of them.
 """
 
 from __future__ import annotations
@@ -19,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3.model_writer import linear_layers
-from snake_env.sb3.symmetric import Canonical, Symmetric
+from snake_env.sb3.symmetric import CanonicalImage
 from snake_env.sim.observation import observation_size
 
 
@@ -64,10 +62,9 @@ def fit(
     n_joints: int,
     seed: int,
     *,
-    quick: bool = False,
     track: Track = untracked,
 ) -> tuple[Network, float]:
-    """Fits a network to returns, so that the mean of what it says of state and mirror image is right.
+    """Fits a network to returns.
 
     Args:
         network: The initial network; None: random weights.
@@ -77,7 +74,6 @@ def fit(
         learning_rate: The largest in this generation.
         n_joints: Joints of the robot.
         seed: Decides the order of the batches, and where a new network begins.
-        quick: It is to be asked about one image only.
         track: Shows how far it has come.
 
     Returns:
@@ -91,7 +87,7 @@ def fit(
         torch.nn.init.constant_(last.bias, float(np.median(intervals)))
     else:
         module = from_numpy(network)
-    asked = (Canonical if quick else Symmetric)(module).to(how.device)
+    seeing = nn.Sequential(CanonicalImage(observations.shape[1]), module).to(how.device)
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = len(x) // size  # in a pass
@@ -101,7 +97,7 @@ def fit(
     )
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
     for rows in track(batches(len(x), size, how.epochs, how.device), how.epochs * steps):
-        estimate = asked(x[rows])[:, 0]
+        estimate = seeing(x[rows])[:, 0]
         loss = torch.nn.functional.huber_loss(estimate, y[rows], delta=3.0)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]

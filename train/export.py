@@ -26,8 +26,7 @@ _FILES = ("best.safetensors", "value.safetensors")
 PACKAGE = Path(snake_env.__file__).parent / "pretrained"
 """Where shipped models are."""
 SHIPPED = ("ppo", "dqn", "value")
-"""What of a recipe ships for every robot; ``paper`` has all. A wheel has little room, and robots
-without the large network of ``lookahead`` plan with that of ``value``."""
+"""What of a recipe ships for every robot; ``paper`` has all. A wheel has little room."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.=,-]{0,59}")
 _CARD = """# {name}
 
@@ -52,8 +51,6 @@ _WHAT = {
     "eight choices and takes the one whose end its critic values most.",
     "value": "Says how many intervals a state still needs: such networks guide the policies `value` "
     "and `lookahead`, and the teacher of `imitate`.",
-    "quick-value": "Says how many intervals a state still needs, when it is asked about one image "
-    "of the state: such networks guide the policy `value`, whose decisions wait for them.",
 }
 _LIMITS = {
     "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
@@ -61,7 +58,6 @@ _LIMITS = {
     "value": "It is an estimate, learned on random shapes within the joint limits: plans are right all "
     "the same, as they are predicted by the model.",
 }
-_LIMITS["quick-value"] = _LIMITS["value"]
 
 
 @dataclass(frozen=True)
@@ -122,7 +118,7 @@ def _models(options: Options, about: dict[str, Any], ships: bool) -> dict[str, P
     models = options.run / "models"
     if models.is_dir():
         if options.name is not None:
-            raise InvalidInputError("name", options.name, "none: a recipe has models of five names")
+            raise InvalidInputError("name", options.name, "none: a recipe has models of four names")
         if not (models / TABLE).is_file():
             expected = "a finished recipe: --resume continues it"
             raise InvalidInputError("run", str(options.run), expected)

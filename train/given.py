@@ -18,18 +18,7 @@ def read_checked(file: Path, params: SnakeParams, kind: Kind, *, transfer: bool)
     """
     model = read_model(file)
     model.check(params, kind, transfer=transfer)
-    if not model.symmetric or model.network.activation != "relu":
-        expected = "a model of python -m train: with ReLU, and asked about mirror images"
+    if model.images == "given" or model.network.activation != "relu":
+        expected = "a model of python -m train: with ReLU, and asked about canonical images"
         raise InvalidInputError("model", str(file), expected)
-    return model
-
-
-def read_critic(file: Path, params: SnakeParams, *, transfer: bool) -> Model:
-    """The value network that a policy's ``+critic`` is to rank by, a large one or a small one.
-
-    Raises:
-        InvalidInputError: It is none, or one for other constants.
-    """
-    model = read_model(file)
-    model.check(params, "value" if model.kind == "policy" else model.kind, transfer=transfer)
     return model

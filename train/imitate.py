@@ -24,7 +24,7 @@ from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sim.warm_up import warm_up
-from train.given import read_checked, read_critic
+from train.given import read_checked
 from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, in_words, quality
@@ -43,16 +43,13 @@ class Options:
 
     value: Path
     """Model file of the value network that the teacher trusts, as train value makes it; {seed} stands
-    for the run's seed."""
+    for the run's seed. It becomes part of the model, where +critic ranks by it."""
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
     ground: Ground = field(default_factory=Ground)
     fit: Fit = field(default_factory=Fit)
     validation: Validation = field(default_factory=Validation)
-    critic: Path | None = None
-    """Model file of the value network by which +critic ranks what the student's favourites lead to; it
-    becomes part of the model. Default: that of --value."""
     rounds: int = 4
     """Rounds of playing and fitting."""
     decisions: int = 131_072
@@ -88,15 +85,11 @@ def train(options: Options, console: Console) -> Path:
     """
     params, transfer = options.check(), options.robot.transfer
     value = read_checked(options.run.own(options.value), params, "value", transfer=transfer)
-    critic = value
-    if options.critic is not None:
-        critic = read_critic(options.run.own(options.critic), params, transfer=transfer)
     config = {
         **dataclasses.asdict(options.fit),
         **{key: getattr(options, key) for key in _ROUNDS},
         **dataclasses.asdict(options.validation),
         "value": value.sha256,
-        "critic": critic.sha256,
         "slip": options.ground.slip,
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
@@ -122,7 +115,7 @@ def train(options: Options, console: Console) -> Path:
             )
             kept = _kept(folder.path, number)
             made = {"command": command(), "config": config, "round": number + 1}
-            kept_model = Model("policy", params, network, made, critic, action_values=True)
+            kept_model = Model("policy", params, network, made, value, action_values=True)
             write_model(kept, kept_model)
             row: dict[str, Any] = {"round": number + 1}
             row |= {key: round(value, 5) for key, value in figures.items()}

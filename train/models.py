@@ -26,8 +26,7 @@ SOURCES = {
     "ppo": "ppo/last.safetensors",
     "dqn": "dqn/last.safetensors",
     "imitate": "imitate/last.safetensors",
-    "value": "critic/value.safetensors",
-    "lookahead": "value/value.safetensors",
+    "value": "value/value.safetensors",
 }
 """The models of a recipe and the stages that made them. Of PPO and DQN the last ones count: they are
 means of many, and the tasks of a validation are too few to tell them apart."""
@@ -64,7 +63,7 @@ def ship(
         write_model(file, shipped[file])
         if model.kind == "policy":
             policies |= {name: str(file), f"{name}{CRITIC}": f"{file}{CRITIC}"}
-        elif name == "value":
+        else:
             policies[name] = str(file)
     suite = load_tasks(SUITE, params)
     shards = [

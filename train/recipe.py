@@ -28,7 +28,6 @@ from train.validation import check_count
 RECIPES = Path(__file__).parent.parent / "agents" / "recipes"
 STAGES = {
     "value": "what a state is worth, by policy iteration",
-    "critic": "the same, in a small network that answers at once",
     "imitate": "a student, taught what every mode would cost",
     "harvest": "tasks that the student loses to its own choices",
     "ppo": "the student, improved by its own experience",
@@ -36,7 +35,7 @@ STAGES = {
     "models": "what comes of it, on tasks of validation-2k",
 }
 """The stages and what they make."""
-ORDER = (("value",), ("critic",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
+ORDER = (("value",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
 EXPECTED = "expected"
 """A text in a recipe that says how long it takes and what comes of it."""
@@ -46,7 +45,7 @@ LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "*.csv", "*.
 
 @dataclass(frozen=True)
 class Options:
-    """Train everything for a robot, from random weights: value networks, a student, PPO and DQN.
+    """Train everything for a robot, from random weights: a value network, a student, PPO and DQN.
 
     Each stage is a command of its own, learns from those before it, and has a folder in the recipe's.
     """
@@ -157,19 +156,16 @@ def _recipe(budget: str) -> tuple[dict[str, dict[str, Any]], str]:
 
 def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -> Job:
     """A stage as a command, with the paths of what it learns from."""
-    value, critic = (str(folder / f"{name}/value.safetensors") for name in ("value", "critic"))
+    value = str(folder / "value/value.safetensors")
     student, tasks = str(folder / "imitate/last.safetensors"), str(folder / "harvest/tasks.npz")
     paths: dict[str, dict[str, Any]] = {
-        "critic": {"init": value, "distil": True},
-        "imitate": {"value": value, "critic": critic},
         "harvest": {"policy": student},
-        "ppo": {"init": student, "init_critic": value, "critic": critic, "tasks": tasks},
-        "dqn": {"init": student, "critic": critic, "tasks": tasks},
+        "ppo": {"init": student, "init_critic": value, "critic": value, "tasks": tasks},
+        "dqn": {"init": student, "critic": value, "tasks": tasks},
     }
     own = {"out": str(folder / stage), "seed": options.run.seed, "resume": True}
-    name = "value" if stage == "critic" else stage
-    module: Any = importlib.import_module(f"train.{name}")
+    module: Any = importlib.import_module(f"train.{stage}")
     begun = module.Options(value=Path(value)) if stage == "imitate" else module.Options()
     chosen = replaced(begun, {**given, **paths.get(stage, {}), **own})
     shared = {"robot": options.robot, "engine": options.engine, "ground": options.ground}
-    return Job(name, dataclasses.replace(chosen, **shared), arguments())
+    return Job(stage, dataclasses.replace(chosen, **shared), arguments())

@@ -34,7 +34,7 @@ from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from snake_env.sim.warm_up import warm_up
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
-from train.given import read_checked, read_critic
+from train.given import read_checked
 from train.ground import Ground
 from train.run import Run, RunFolder
 from train.validation import Validation, in_words, quality
@@ -119,7 +119,7 @@ def train(
     accept = {"transfer": robot.transfer}
     student = None if begin is None else read_checked(begin, params, "policy", **accept)
     value = None if begin_critic is None else read_checked(begin_critic, params, "value", **accept)
-    ranker = None if critic is None else read_critic(critic, params, **accept)
+    ranker = None if critic is None else read_checked(critic, params, "value", **accept)
     suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
     config = {
         **dataclasses.asdict(settings),

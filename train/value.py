@@ -19,7 +19,7 @@ from harness.progress import progress, tracked
 from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
-from snake_env.networks.model_file import Kind, Model, read_model, write_model
+from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
@@ -49,9 +49,6 @@ class Options:
     """Model file that plays the first generation, and whose weights are fitted further where it has
     these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
     it."""
-    distil: bool = False
-    """Fit to what the network of --init says about successors on the way, instead of returns. It
-    plays all generations; what is made of it answers soon, as it is asked about one image only."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
@@ -74,8 +71,6 @@ class Options:
         check_share(self, "trace_decay")
         if self.exact < 0:
             raise InvalidInputError("exact", self.exact, "zero or a positive number")
-        if self.distil and self.init is None:
-            raise InvalidInputError("distil", True, "--init: whose values are to be learned")
         self.fit.check()
         self.ground.check()
         self.engine.check()
@@ -101,7 +96,7 @@ def train(options: Options, console: Console) -> Path:
         "init": given and given.sha256,
         **{
             key: getattr(options, key)
-            for key in ("distil", "generations", "episodes", "trace_decay", "exact", "window")
+            for key in ("generations", "episodes", "trace_decay", "exact", "window")
         },
         "slip": options.ground.slip,
         "seed": options.run.seed,
@@ -112,18 +107,14 @@ def train(options: Options, console: Console) -> Path:
         rows = folder.rows("generation")
         finished = len(rows) >= options.generations
         sizes = [observation_size(params.n_joints), *options.fit.hidden, 1]
-        kind: Kind = "quick-value" if options.distil else "value"
-        network = (
-            begun if begun is not None and begun.sizes == sizes and not options.distil else None
-        )
+        network = begun if begun is not None and begun.sizes == sizes else None
         if rows:
             network = read_model(_kept(folder.path, len(rows) - 1)).network
         torch.set_num_threads(1)
         warm_up(params)
         for generation in range(len(rows), options.generations):
-            trusting = options.trace_decay if generation >= options.exact else 1.0
-            trace_decay = None if options.distil else trusting
-            player = begun if options.distil or network is None else network
+            trace_decay = options.trace_decay if generation >= options.exact else 1.0
+            player = begun if network is None else network
             parts = [
                 Play(
                     options.run.seed,
@@ -160,7 +151,6 @@ def train(options: Options, console: Console) -> Path:
                 options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
                 params.n_joints,
                 seed=options.run.seed + 1000 * generation,
-                quick=options.distil,
                 track=functools.partial(tracked, console, label, "batches"),
             )
             strict = sum(returns.strict for returns in played)
@@ -173,7 +163,7 @@ def train(options: Options, console: Console) -> Path:
                 "fit_error": round(error, 4),
             }
             made = {"command": command(), "config": config, "generation": generation + 1}
-            write_model(_kept(folder.path, generation), Model(kind, params, network, made))
+            write_model(_kept(folder.path, generation), Model("value", params, network, made))
             rows.append({key: str(value) for key, value in row.items()})
             folder.write_rows(rows)
             for stale in (
@@ -190,7 +180,7 @@ def train(options: Options, console: Console) -> Path:
             console.print(f"model: {file}", soft_wrap=True)
             return file
         made = {"command": command(), "config": config, "generations": options.generations}
-        write_model(file, Model(kind, params, network, made))
+        write_model(file, Model("value", params, network, made))
         console.print(f"model: {file}", soft_wrap=True)
         return file
 

@@ -20,13 +20,15 @@ from safetensors.numpy import load, save
 from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.modes import mode_table
 from snake_env.networks.network import ACTIVATIONS, Network
+from snake_env.networks.symmetry import Images
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
 
-SCHEMAS = (2, 3)
-"""Of files; a file of schema 2 holds networks with ReLU that are asked about mirror images."""
+SCHEMAS = (2, 3, 4)
+"""Of files that can be read; the last one is written. Networks of schema 2 have ReLU; those of 2 and 3
+see both images, but for a ``quick-value`` (canonical) and what is not ``symmetric`` (given)."""
 _CRITIC = "critic."
-_PLAIN = {"network": None, "activation": "relu", "symmetric": True}  # where a file says nothing
+_PLAIN = {"network": None, "activation": "relu"}  # where a file says nothing
 LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
@@ -36,11 +38,8 @@ PREFERENCE = 0.03
 
 Every policy's file holds preferences, so PPO, whose logits they are, DQN and imitation can each begin
 with what another one has learned."""
-Kind = Literal["value", "quick-value", "policy"]
-"""What the outputs are: the intervals that a state still needs, or a preference for each mode.
-
-Networks are evaluated on a state and its mirror image, and the mean counts, unless a model says that
-its network is not ``symmetric``; a ``quick-value`` is evaluated on one of them."""
+Kind = Literal["value", "policy"]
+"""What the outputs are: the intervals that a state still needs, or a preference for each mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +52,8 @@ class Model:
         network: Takes observations.
         made: How it was made and what it is good for, as the manifest tells it.
         critic: A value network for the same robot, which ranks what the policy's favourites lead to; a
-            model of the kind ``value`` or ``quick-value``, or None.
-        symmetric: Whether the mean of its network's answers about a state and its mirror image counts,
-            or the answer about the state alone. A ``quick-value`` has one answer.
+            model of the kind ``value``, or None.
+        images: Which image of a state its network is asked about.
         action_values: Whether a policy's preferences are action values, so that it can rank states
             without a critic.
         sha256: Of its file; empty where it has none.
@@ -66,7 +64,7 @@ class Model:
     network: Network
     made: Mapping[str, Any] = field(default_factory=dict)
     critic: Model | None = None
-    symmetric: bool = True
+    images: Images = "canonical"
     action_values: bool = False
     sha256: str = ""
 
@@ -112,9 +110,8 @@ def write_model(path: Path, model: Model) -> None:
     if model.critic is not None:
         tensors |= {_CRITIC + name: t for name, t in _tensors(model.critic.network).items()}
     about = [_about(each) for each in models]
-    plain = all(each["activation"] == "relu" and each["symmetric"] for each in about)
     manifest = {
-        "schema": SCHEMAS[0] if plain else SCHEMAS[1],  # older readers refuse what they can't play
+        "schema": SCHEMAS[-1],
         **about[0],
         "action_values": model.action_values,
         "params": dataclasses.asdict(model.params),
@@ -157,19 +154,23 @@ def read_model(path: Path) -> Model:
         raise _bad(path, f"a safetensors file ({error})") from None
     if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
         raise _bad(path, "the file as it was written (its sha256 differs)")
-    manifest = {**_PLAIN, "action_values": False, **manifest}
+    manifest = {**_PLAIN, "action_values": False, **_in_this_schema(manifest)}
     params = _read_params(path, manifest["params"])
     own = {name: t for name, t in tensors.items() if not name.startswith(_CRITIC)}
     others = {name.removeprefix(_CRITIC): t for name, t in tensors.items() if name not in own}
     network = _read_network(path, manifest, params, own)
     critic = None
     if manifest["kind"] == "policy" and (about := manifest.get("critic")) is not None:
-        if not isinstance(about, dict) or about.get("kind") not in ("value", "quick-value"):
-            raise _bad(path, "a critic of the kind value or quick-value")
-        as_its_own = {**_PLAIN, **about, "observation": manifest.get("observation")}
+        if not isinstance(about, dict) or _in_this_schema(about).get("kind") != "value":
+            raise _bad(path, "a critic of the kind value")
+        as_its_own = {
+            **_PLAIN,
+            **_in_this_schema(about),
+            "observation": manifest.get("observation"),
+        }
         network_of_critic = _read_network(path, as_its_own, params, others)
-        symmetric = _read_symmetric(path, as_its_own)
-        critic = Model(about["kind"], params, network_of_critic, symmetric=symmetric)
+        images = _read_images(path, as_its_own)
+        critic = Model("value", params, network_of_critic, images=images)
     elif others:
         raise _bad(path, "no tensors of a critic")
     return Model(
@@ -178,7 +179,7 @@ def read_model(path: Path) -> Model:
         network,
         manifest["made"],
         critic,
-        _read_symmetric(path, manifest),
+        _read_images(path, manifest),
         action_values=manifest["action_values"] is True,
         sha256=hashlib.sha256(data).hexdigest(),
     )
@@ -190,7 +191,7 @@ def _about(model: Model) -> dict[str, Any]:
         "kind": model.kind,
         "network": model.network.sizes,
         "activation": model.network.activation,
-        "symmetric": model.symmetric,
+        "images": model.images,
     }
 
 
@@ -224,7 +225,7 @@ def _read_manifest(path: Path, data: bytes) -> tuple[dict[str, Any], bytes]:
         raise _bad(path, "a model with a manifest in its header") from None
     if not isinstance(manifest, dict) or manifest.get("schema") not in SCHEMAS:
         raise _bad(path, f"a manifest of schema {' or '.join(map(str, SCHEMAS))}")
-    if manifest.get("kind") not in get_args(Kind):
+    if _in_this_schema(manifest).get("kind") not in get_args(Kind):
         raise _bad(path, f"kind {' or '.join(get_args(Kind))}")
     wanted = {"params": dict, "made": dict, "network": list, "sha256": str}
     for name, kind in wanted.items():
@@ -284,11 +285,21 @@ def _check_numbers(path: Path, network: Network) -> None:
         raise _bad(path, "finite float32 numbers, of a size that a network can work with")
 
 
-def _read_symmetric(path: Path, manifest: dict[str, Any]) -> bool:
-    symmetric: bool = manifest["symmetric"]
-    if type(symmetric) is not bool or (manifest["kind"] == "quick-value" and not symmetric):
-        raise _bad(path, "symmetric: true, or but for a quick-value false")
-    return symmetric
+def _in_this_schema(about: dict[str, Any]) -> dict[str, Any]:
+    """What an older manifest tells about a network, in today's words."""
+    if "images" in about:
+        return about
+    if about.get("kind") == "quick-value":
+        return {**about, "kind": "value", "images": "canonical"}
+    symmetric = about.get("symmetric", True)
+    return {**about, "images": {True: "both", False: "given"}.get(symmetric)}
+
+
+def _read_images(path: Path, manifest: dict[str, Any]) -> Images:
+    images: Images = manifest["images"]
+    if images not in get_args(Images):
+        raise _bad(path, f"images {' or '.join(get_args(Images))}")
+    return images
 
 
 def _bad(path: Path, expected: str) -> InvalidInputError:

@@ -1,13 +1,14 @@
 """The robot's mirror image: phi to -phi and y to -y; the lifted wheels stay the same.
 
-Every state is worth what its mirror image is worth, so each observation teaches twice. A network that
-is asked about both errs less; one that is asked about the same one of them always takes half the time.
+Every state is worth what its mirror image is worth. Networks that are trained here see one of the two,
+always the same one: it is half of what there is to learn, and half of the time of asking about both.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,10 @@ from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Float32Array, Network
 from snake_env.params import N_JOINTS_RANGE
 from snake_env.sim.observation import observation_rows, observation_size
+
+Images = Literal["canonical", "both", "given"]
+"""Which image of a state a network is asked about: the canonical one, both (the mean of its answers
+counts), or the state as it is given."""
 
 _NEGATED = {"phi", "target", "error", "scp_error", "ref_start", "last_turn"}
 _POINTS = {"link_direction", "link_centre", "centre_of_gravity"}
@@ -107,11 +112,6 @@ class SymmetricNetwork:
         return result
 
 
-def asked(network: Network, n_joints: int, symmetric: bool) -> SymmetricNetwork | Network:
-    """A network that is asked about states and their mirror images, or as it is."""
-    return SymmetricNetwork(network, n_joints) if symmetric else network
-
-
 class CanonicalNetwork:
     """A network that is asked about one image of each state, the canonical one.
 
@@ -139,6 +139,15 @@ class CanonicalNetwork:
         result = self._of_images(observations)
         result[as_it_is] = self._of_canonical(observations[as_it_is])
         return result
+
+
+def asked(
+    network: Network, n_joints: int, images: Images
+) -> CanonicalNetwork | SymmetricNetwork | Network:
+    """A network that takes observations, and is asked about some images of the states."""
+    if images == "given":
+        return network
+    return (CanonicalNetwork if images == "canonical" else SymmetricNetwork)(network, n_joints)
 
 
 def _for_images(first: Float32Array, n_joints: int) -> Float32Array:

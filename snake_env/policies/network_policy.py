@@ -1,7 +1,6 @@
 """Learned policies: one evaluation of a network for a decision, and no model roll-out.
 
-The network sees the state and its mirror image, side by side, and what it prefers is the mean; others
-see the state alone.
+Networks that are trained here see one image of the state, the canonical one.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.networks.model_file import Model
-from snake_env.networks.symmetry import CanonicalNetwork, asked
+from snake_env.networks.symmetry import asked
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import STILL
 from snake_env.sim.observation import get_observation_kernel, observe_one
@@ -43,8 +42,7 @@ class NetworkPolicy:
         self._params = params
         get_observation_kernel(params.n_joints, params.head_contact)
         n = params.n_joints
-        self._network = asked(model.network, n, model.symmetric)
-        self._quick = CanonicalNetwork(model.network, n) if model.symmetric else self._network
+        self._network = asked(model.network, n, model.images)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -60,24 +58,21 @@ class NetworkPolicy:
         ranks[~open_] = -np.inf
         return int(ranks.argmax())
 
-    def ranking(self, state: SnakeState) -> IntArray:
-        """The modes that may be chosen, the preferred ones first."""
-        observation, open_ = self._open(state)
-        return _ranked(np.flatnonzero(open_), self._network(observation[None])[0])
-
-    def favourites(self, state: SnakeState, k: int) -> IntArray:
-        """The same for who simulates ``k`` at a time and has little time to wait.
-
-        The network sees one image of the state, which takes half as long. Where there are no more than
-        ``k`` modes it is not asked at all, and they come in the order of their numbers.
+    def ranking(self, state: SnakeState, unless: int = 0) -> IntArray:
+        """The modes that may be chosen, the preferred ones first; ties go to the lowest index.
 
         Args:
             state: The robot at t_k.
-            k: How many are simulated anyway.
+            unless: Where there are no more modes than this, the network is not asked, and they come in
+                the order of their numbers.
         """
         observation, open_ = self._open(state)
         modes: IntArray = np.flatnonzero(open_)
-        return modes if len(modes) <= k else _ranked(modes, self._quick(observation[None])[0])
+        if len(modes) <= unless:
+            return modes
+        preferences = self._network(observation[None])[0][modes]
+        ranked: IntArray = modes[np.argsort(-preferences, kind="stable")]
+        return ranked
 
     def _open(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """The observation, and the modes that are stable at t_k, but for those tried in vain."""
@@ -100,9 +95,3 @@ class NetworkPolicy:
             return True
         phase, phi = self._where
         return phase != state.phase or bool(np.abs(state.phi - phi).max() >= STILL)
-
-
-def _ranked(modes: IntArray, preferences: NDArray[np.float32]) -> IntArray:
-    """Some modes, the preferred ones first; ties go to the lowest index."""
-    ranked: IntArray = modes[np.argsort(-preferences[modes], kind="stable")]
-    return ranked

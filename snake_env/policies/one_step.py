@@ -142,7 +142,7 @@ class CriticPolicy:
         possible = self._optimizer.modes(state.phase)
         if len(possible) == 1:
             return int(possible[0])
-        ranked = self._policy.favourites(state, self._k)
+        ranked = self._policy.ranking(state, unless=self._k)
         creeping = None
         for first, last in ((0, self._k), (self._k, 2 * self._k), (2 * self._k, len(ranked))):
             favourites = ranked[first:last]

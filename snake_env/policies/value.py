@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from snake_env.envs.reward import RewardWeights, potential
 from snake_env.networks.model_file import PREFERENCE, Model, read_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork, asked
+from snake_env.networks.symmetry import asked
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import get_observation_kernel, observe
@@ -42,13 +42,13 @@ class PhaseValue:
 
 
 class NetworkValue:
-    """A trained network, evaluated on each state and its mirror image, or on one of them.
+    """A trained network.
 
     Attributes:
         models: Its model.
 
     Args:
-        model: Of the kind ``value`` or ``quick-value``.
+        model: Of the kind ``value``.
         params: The constants.
         transfer: Whether these may differ from the constants that the model was trained with.
 
@@ -57,17 +57,11 @@ class NetworkValue:
     """
 
     def __init__(self, model: Model, params: SnakeParams, transfer: bool = False) -> None:
-        quick = model.kind == "quick-value"
-        model.check(params, "quick-value" if quick else "value", transfer=transfer)
+        model.check(params, "value", transfer=transfer)
         self.models = (model,)
         get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
-        n = params.n_joints
-        self._asked = (
-            CanonicalNetwork(model.network, n)
-            if quick
-            else asked(model.network, n, model.symmetric)
-        )
+        self._network = asked(model.network, params.n_joints, model.images)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
@@ -83,7 +77,7 @@ class NetworkValue:
             observations: Shape (N, observation_size).
             reached: Where the target is reached, shape (N,).
         """
-        estimates = self._asked(observations)[:, 0].astype(np.float64)
+        estimates = self._network(observations)[:, 0].astype(np.float64)
         estimates[reached] = 0.0
         return estimates
 
@@ -100,7 +94,7 @@ class ActionValue:
     def __init__(self, model: Model, params: SnakeParams) -> None:
         get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
-        self._network = asked(model.network, params.n_joints, model.symmetric)
+        self._network = asked(model.network, params.n_joints, model.images)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The return of the best mode, in intervals."""

@@ -1,9 +1,8 @@
 """PPO and DQN of plain Stable-Baselines3 that never choose what the mask forbids.
 
 They take the dict observations of ``SnakeVecEnv(mask_in_observation=True)``: the network sees
-``observation``, and ``action_mask`` closes modes. It is asked about each state and its mirror image, in
-training as in the policy that is exported, and its answer is the mean of both: what is learned of a
-state holds for its image.
+``observation``, and ``action_mask`` closes modes. In training as in the policy that is exported it sees
+the canonical one of a state and its mirror image: what is learned of one holds for the other.
 
 ``predict`` repeats a mode that did nothing, where the policies of ``snake_env.load_policy`` do not:
 give the env ``no_repeat=True`` and both play alike.
@@ -27,7 +26,7 @@ from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.params import N_JOINTS_RANGE
-from snake_env.sb3.symmetric import Mirror, mean_of_both
+from snake_env.sb3.symmetric import CanonicalImage
 from snake_env.sim.observation import observation_size
 
 CLOSED = -1e8
@@ -96,26 +95,23 @@ class ObservationWithMask(BaseFeaturesExtractor):
 
 
 class _MaskedMlp(MlpExtractor):
-    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents.
-
-    Latents are means over state and image: so are the linear layers' outputs that follow.
-    """
+    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents."""
 
     def __init__(self, n_modes: int, feature_dim: int, *args: Any, **kwargs: Any) -> None:
         super().__init__(feature_dim - n_modes, *args, **kwargs)
         self._n_modes = n_modes
-        self._mirror = Mirror(feature_dim - n_modes)
+        self._image = CanonicalImage(feature_dim - n_modes)
 
     def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         return self.forward_actor(features), self.forward_critic(features)
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         seen, mask = features[:, : -self._n_modes], features[:, -self._n_modes :]
-        return torch.cat([mean_of_both(super().forward_actor(self._mirror(seen))), mask], dim=1)
+        return torch.cat([super().forward_actor(self._image(seen)), mask], dim=1)
 
     def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
         seen = features[:, : -self._n_modes]
-        return mean_of_both(super().forward_critic(self._mirror(seen)))
+        return super().forward_critic(self._image(seen))
 
 
 class MaskedActorCriticPolicy(ActorCriticPolicy):
@@ -160,13 +156,13 @@ class MaskedQNetwork(QNetwork):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._mirror = Mirror(self.features_dim)
+        self._image = CanonicalImage(self.features_dim)
 
     def forward(self, obs: PyTorchObs) -> torch.Tensor:
         """Action values, shape (N, n_modes)."""
         assert isinstance(obs, dict)
-        both = self._mirror(self.extract_features(obs, self.features_extractor))
-        values = mean_of_both(self.q_net(both))
+        seen = self._image(self.extract_features(obs, self.features_extractor))
+        values: torch.Tensor = self.q_net(seen)
         values = values.masked_fill(checked_mask(obs["action_mask"]) < 1, CLOSED)
         for network in self.chooser:
             chosen = network(obs).argmax(dim=1, keepdim=True)

@@ -22,6 +22,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE, Model, write_model
 from snake_env.networks.network import Activation, Network
+from snake_env.networks.symmetry import Images
 from snake_env.params import SnakeParams
 from snake_env.sb3.masked import (
     MaskedActorCriticPolicy,
@@ -81,14 +82,14 @@ def write_sb3_model(
     ranks = weights.time < 0.0 and not (weights.shaping or weights.cost or weights.violation)
     critic, values = None, False
     if is_actor:
-        symmetric = isinstance(policy, MaskedActorCriticPolicy)
+        ours = isinstance(policy, MaskedActorCriticPolicy)
         extractor = policy.mlp_extractor
         network = _network([*extractor.policy_net, policy.action_net])
         if ranks:
             worth = _network([*extractor.value_net, policy.value_net])
-            critic = Model("value", robot, in_intervals(worth, weights), symmetric=symmetric)
+            critic = Model("value", robot, in_intervals(worth, weights))
     else:
-        symmetric, values = isinstance(policy.q_net, MaskedQNetwork), ranks
+        ours, values = isinstance(policy.q_net, MaskedQNetwork), ranks
         network = _network(list(policy.q_net.q_net))
         if ranks:  # in the units of the default reward, as files have them
             network = in_reward(in_intervals(network, weights), RewardWeights())
@@ -97,7 +98,10 @@ def write_sb3_model(
     if (network.sizes[0], network.sizes[-1]) != wanted:
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"
         raise InvalidInputError("network", network.sizes, expected)
-    write_model(file, Model("policy", robot, network, manifest, critic, symmetric, values))
+    images: Images = "canonical" if ours else "given"
+    if critic is not None:
+        critic = dataclasses.replace(critic, images=images)
+    write_model(file, Model("policy", robot, network, manifest, critic, images, values))
     return file
 
 
