@@ -29,13 +29,12 @@ RECIPES = Path(__file__).parent.parent / "agents" / "recipes"
 STAGES = {
     "value": "what a state is worth, by policy iteration",
     "imitate": "a student, taught what every mode would cost",
-    "harvest": "tasks that the student loses to its own choices",
     "ppo": "the student, improved by its own experience",
     "dqn": "the student's action values, improved likewise",
     "models": "what comes of it, on tasks of validation-2k",
 }
 """The stages and what they make."""
-ORDER = (("value",), ("imitate",), ("harvest",), ("ppo", "dqn"), ("models",))
+ORDER = (("value",), ("imitate",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
 EXPECTED = "expected"
 """A text in a recipe that says how long it takes and what comes of it."""
@@ -157,11 +156,10 @@ def _recipe(budget: str) -> tuple[dict[str, dict[str, Any]], str]:
 def _job(stage: str, given: Mapping[str, Any], options: Options, folder: Path) -> Job:
     """A stage as a command, with the paths of what it learns from."""
     value = str(folder / "value/value.safetensors")
-    student, tasks = str(folder / "imitate/last.safetensors"), str(folder / "harvest/tasks.npz")
+    student = str(folder / "imitate/last.safetensors")
     paths: dict[str, dict[str, Any]] = {
-        "harvest": {"policy": student},
-        "ppo": {"init": student, "init_critic": value, "critic": value, "tasks": tasks},
-        "dqn": {"init": student, "critic": value, "tasks": tasks},
+        "ppo": {"init": student, "init_critic": value, "critic": value},
+        "dqn": {"init": student, "critic": value},
     }
     own = {"out": str(folder / stage), "seed": options.run.seed, "resume": True}
     module: Any = importlib.import_module(f"train.{stage}")
