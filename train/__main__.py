@@ -26,7 +26,6 @@ GROUPS = {
     },
     "tools": {
         "value": "value networks: the teacher of students, the critic, the planner's guide",
-        "harvest": "tasks that a policy loses to its own choices, to learn from",
         "export": "put the models of a recipe or a run into the package",
     },
 }

@@ -292,7 +292,8 @@ def _in_this_schema(about: dict[str, Any]) -> dict[str, Any]:
     if about.get("kind") == "quick-value":
         return {**about, "kind": "value", "images": "canonical"}
     symmetric = about.get("symmetric", True)
-    return {**about, "images": {True: "both", False: "given"}.get(symmetric)}
+    images = "both" if symmetric is True else "given" if symmetric is False else None
+    return {**about, "images": images}
 
 
 def _read_images(path: Path, manifest: dict[str, Any]) -> Images:

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents import returns
 from agents.pace import failure_cost
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.params import SnakeParams
 from snake_env.policies.one_step import ValuePolicy
-from snake_env.policies.search import expand
 from snake_env.policies.value import PhaseValue
 from snake_env.sim.observation import observe
 from snake_env.sim.simulation import advance
@@ -95,41 +93,6 @@ def test_play__trusts_the_value_for_what_lies_ahead() -> None:
         assert wanted == pytest.approx(float(np.dot(weights, n_step)), abs=1e-5)
         checked += 1
     assert checked >= 3
-
-
-def test_play__says_what_the_network_thinks_of_all_successors() -> None:
-    shard = dataclasses.replace(SHARD, count=12)
-    told = play(dataclasses.replace(shard, trace_decay=None))
-    exact = play(shard)
-    assert (told.strict, told.solved, told.time) == (exact.strict, exact.solved, exact.time)
-    assert len(told.observations) == len(told.intervals) > 2 * len(exact.observations)
-    for state in _starts()[:12]:
-        if _of(exact, state) is None:
-            continue
-        ends = expand(StateBatch.stack([state]), FIVE).states
-        for k in np.flatnonzero(ends.phase <= 5):
-            worth = float(PhaseValue(FIVE)(ends.take([k]))[0])
-            assert _of(told, ends[int(k)]) == pytest.approx(worth, abs=1e-6)
-
-
-@pytest.mark.parametrize("most", [1, 3, 7])
-def test_some_successors__are_drawn_from_each_state(
-    most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(returns, "_SUCCESSORS", most)
-    rng = np.random.default_rng(0)
-    parent = np.repeat([0, 2, 3, 7], [5, 1, 9, 3])
-    times = np.zeros(len(parent))
-    for _ in range(3000):
-        kept = returns._some_of_each(parent, rng)
-        assert (np.diff(kept) > 0).all()
-        found, counts = np.unique(parent[kept], return_counts=True)
-        assert found.tolist() == [0, 2, 3, 7]
-        assert counts.tolist() == [min(most, count) for count in (5, 1, 9, 3)]
-        times[kept] += 1
-    wanted = np.repeat([min(1.0, most / count) for count in (5, 1, 9, 3)], [5, 1, 9, 3])
-    np.testing.assert_allclose(times / 3000, wanted, atol=0.05)
-    assert len(returns._some_of_each(parent[:0], rng)) == 0
 
 
 def test_fit__learns_its_returns_from_where_it_begins() -> None:

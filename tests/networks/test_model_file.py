@@ -25,7 +25,7 @@ from snake_env.modes import mode_table
 from snake_env.networks import model_file
 from snake_env.networks.model_file import Model, _digest, _split, read_model, write_model
 from snake_env.networks.network import Activation, Network
-from snake_env.networks.symmetry import mirror
+from snake_env.networks.symmetry import Images, mirror
 from snake_env.params import SnakeParams
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.observation import observation_size, observe
@@ -141,7 +141,7 @@ def test_model__survives_a_write_that_fails(path: Path) -> None:
 
 def test_manifest__tells_what_the_model_is(path: Path) -> None:
     manifest = _manifest(path)
-    assert (manifest["schema"], manifest["kind"], manifest["network"]) == (2, "value", SIZES)
+    assert (manifest["schema"], manifest["kind"], manifest["network"]) == (4, "value", SIZES)
     assert manifest["params"] == json.loads(json.dumps(dataclasses.asdict(PAPER)))
     assert sum(size for _, size in manifest["observation"]) == SIZES[0]
     assert manifest["made"] == MADE
@@ -163,38 +163,54 @@ def test_check__accepts_robots_of_as_many_joints_only() -> None:
             model.check(PAPER, model.kind, transfer=transfer)
 
 
-@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("images", ["canonical", "both", "given"])
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
 def test_kinds_of_networks__are_read_as_they_were_written(
-    tmp_path: Path, activation: Activation, symmetric: bool
+    tmp_path: Path, activation: Activation, images: Images
 ) -> None:
     path = tmp_path / "a.safetensors"
     network = dataclasses.replace(_model("policy").network, activation=activation)
-    critic = dataclasses.replace(_model("value"), symmetric=not symmetric)
-    model = Model("policy", PAPER, network, MADE, critic, symmetric)
+    of_critic: Images = "given" if images == "canonical" else "canonical"
+    critic = dataclasses.replace(_model("value"), images=of_critic)
+    model = Model("policy", PAPER, network, MADE, critic, images)
     write_model(path, model)
     again = read_model(path)
-    assert (again.network.activation, again.symmetric) == (activation, symmetric)
+    assert (again.network.activation, again.images) == (activation, images)
     assert again.critic is not None
-    assert (again.critic.network.activation, again.critic.symmetric) == ("relu", not symmetric)
-    state = random_state(1, PAPER)
-    seen = observe(state, PAPER)
-    ranked = NetworkPolicy(PAPER, again).ranking(state)
+    assert (again.critic.network.activation, again.critic.images) == ("relu", of_critic)
     order, sign = mirror(8)
-    answers = network(seen)
-    if symmetric:
-        answers = 0.5 * (answers + network(seen[order] * sign))
-    wanted = ranked[np.argsort(-answers[ranked], kind="stable")]
-    assert ranked.tolist() == wanted.tolist()
+    for seed in range(6):
+        state = random_state(seed, PAPER)
+        ranked = NetworkPolicy(PAPER, again).ranking(state)
+        seen = observe(state, PAPER)
+        image = seen[order] * sign
+        answers = {
+            "canonical": network(seen if state.target[-1] >= 0.0 else image),
+            "both": 0.5 * (network(seen) + network(image)),
+            "given": network(seen),
+        }[images]
+        wanted = ranked[np.argsort(-answers[ranked], kind="stable")]
+        assert ranked.tolist() == wanted.tolist()
     about_critic = {**_manifest(path)["critic"], "activation": "elu"}
     _change(path, critic=about_critic)
     assert "activation relu or tanh" in _refusal(path)
 
 
-def test_files_of_before__have_rectifiers_and_are_symmetric(path: Path) -> None:
-    _change(path, activation=..., symmetric=...)
+@pytest.mark.parametrize(
+    ("before", "images"),
+    [
+        ({}, "both"),
+        ({"symmetric": True}, "both"),
+        ({"symmetric": False}, "given"),
+        ({"kind": "quick-value", "symmetric": True}, "canonical"),
+    ],
+)
+def test_files_of_before__are_asked_about_the_images_that_they_were_trained_with(
+    path: Path, before: dict[str, Any], images: Images
+) -> None:
+    _change(path, schema=3, activation=..., images=..., **before)
     again = read_model(path)
-    assert (again.network.activation, again.symmetric) == ("relu", True)
+    assert (again.kind, again.network.activation, again.images) == ("value", "relu", images)
 
 
 DIFFERENT = [
@@ -317,9 +333,9 @@ FIELDS: list[tuple[str, Any, str]] = [
     ("schema", ..., "of schema 2"),
     ("schema", 1, "of schema 2"),
     ("schema", "2", "of schema 2"),
-    ("kind", ..., "kind value or quick-value or policy"),
-    ("kind", "critic", "kind value or quick-value or policy"),
-    ("kind", ["value"], "kind value or quick-value or policy"),
+    ("kind", ..., "kind value or policy"),
+    ("kind", "critic", "kind value or policy"),
+    ("kind", ["value"], "kind value or policy"),
     ("kind", "policy", "a network from 99 to 99 values"),
     ("params", ..., WANTED),
     ("params", {}, "the constants of this version's robot"),
@@ -348,8 +364,9 @@ FIELDS: list[tuple[str, Any, str]] = [
     ("network", [99, *[10**6] * 1000, 1], "tensors"),
     ("activation", "elu", "activation relu or tanh"),
     ("activation", ["relu"], "activation relu or tanh"),
-    ("symmetric", "no", "symmetric: true"),
-    ("symmetric", 0, "symmetric: true"),
+    ("images", "no", "images canonical or both or given"),
+    ("images", ["both"], "images canonical or both or given"),
+    ("images", None, "images canonical or both or given"),
     ("sha256", ..., WANTED),
     ("sha256", 7, WANTED),
     ("sha256", "", "sha256 differs"),

@@ -1,6 +1,5 @@
 """Learned policies without roll-outs, and their shield."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -31,18 +30,19 @@ def preferring(order: list[int]) -> Model:
 
 
 def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
-    """What the network says of the state and of the mirrored robot, together; and the mask."""
+    """What the network says of the image whose last target is not negative; and the mask."""
     observation, mask = observe_one(state, PARAMS)
-    x, y, theta = state.w - PARAMS.w_d
-    mirrored = state.replace(
-        w=np.array([x, -y, -theta]) + PARAMS.w_d,
-        phi=-state.phi,
-        target=-state.target,
-        ref_start=-state.ref_start,
-        last_turn=-state.last_turn,
-    )
-    image, _ = observe_one(mirrored, PARAMS)
-    return model.network(observation) + model.network(image), mask
+    if state.target[-1] < 0.0:
+        x, y, theta = state.w - PARAMS.w_d
+        mirrored = state.replace(
+            w=np.array([x, -y, -theta]) + PARAMS.w_d,
+            phi=-state.phi,
+            target=-state.target,
+            ref_start=-state.ref_start,
+            last_turn=-state.last_turn,
+        )
+        observation, _ = observe_one(mirrored, PARAMS)
+    return model.network(observation), mask
 
 
 @pytest.mark.parametrize("task", range(5))
@@ -64,38 +64,12 @@ def test_ranking__holds_every_open_mode_once_the_best_first() -> None:
     assert (np.diff(preferences[ranking]) <= 1e-4).all()
 
 
-def test_favourites__are_ranked_by_the_image_whose_last_target_is_not_negative() -> None:
-    negative = 0
-    for task in range(20):
-        state, model = SUITE.initial(task, PARAMS), model_of(task)
-        mirrored = SnakeState.initial(-state.phi, -state.target, PARAMS)
-        seen = state if state.target[-1] >= 0.0 else mirrored
-        preferences, (_, mask) = (
-            model.network(observe_one(seen, PARAMS)[0]),
-            observe_one(state, PARAMS),
-        )
-        for each in (state, mirrored):
-            favourites = NetworkPolicy(PARAMS, model).favourites(each, 8)
-            np.testing.assert_array_equal(np.sort(favourites), np.flatnonzero(mask))
-            assert (np.diff(preferences[favourites]) <= 1e-4).all()
-        negative += seen is mirrored
-    assert 3 <= negative <= 17
-
-
-def test_favourites__of_a_network_that_is_not_symmetric_are_those_of_the_state_as_it_is() -> None:
-    model = dataclasses.replace(model_of(1), symmetric=False)
-    for task in range(20):
-        state = SUITE.initial(task, PARAMS)
-        policy = NetworkPolicy(PARAMS, model)
-        np.testing.assert_array_equal(policy.favourites(state, 8), policy.ranking(state))
-
-
-def test_favourites__come_in_order_where_all_are_simulated_anyway() -> None:
+def test_ranking__comes_in_order_where_all_are_simulated_anyway() -> None:
     policy = NetworkPolicy(PARAMS, model_of())
     state = SUITE.initial(0, PARAMS)
     modes = np.flatnonzero(instant_mask(state, PARAMS))
-    np.testing.assert_array_equal(policy.favourites(state, len(modes)), modes)
-    assert policy.favourites(state, len(modes) - 1).tolist() != modes.tolist()
+    np.testing.assert_array_equal(policy.ranking(state, unless=len(modes)), modes)
+    assert policy.ranking(state, unless=len(modes) - 1).tolist() != modes.tolist()
 
 
 @pytest.mark.parametrize("task", range(10))

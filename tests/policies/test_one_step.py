@@ -19,6 +19,7 @@ from snake_env import (
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
+from snake_env.networks.symmetry import Images
 from snake_env.policies import one_step
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CREEPING, Choice, CriticPolicy, ValuePolicy, best_mode
@@ -89,7 +90,7 @@ def test_critic__takes_what_a_transcription_takes(robot: str, k: int, lanes: lis
     rules = set()
     for seed in range(25):
         state = random_state(seed, params)
-        ranked = NetworkPolicy(params, model).favourites(state, k)
+        ranked = NetworkPolicy(params, model).ranking(state, unless=k)
         told = plus_critic(state, ranked, value, params, k)
         assert _decided(policy, state, lanes) == (told.mode, told.simulated)
         rules.add(told.rule)
@@ -130,7 +131,7 @@ def test_critic__looks_further_where_the_favourites_lead_nowhere(
         state = _at_a_limit(seed, params)
         model = _misled(state, params)
         for k in (1, 2, 8):
-            ranked = NetworkPolicy(params, model).favourites(state, k)
+            ranked = NetworkPolicy(params, model).ranking(state, unless=k)
             told = plus_critic(state, ranked, value, params, k)
             policy = CriticPolicy(NetworkPolicy(params, model), value, params, k)
             assert _decided(policy, state, lanes) == (told.mode, told.simulated)
@@ -206,7 +207,7 @@ def test_critic__with_all_modes_as_favourites_is_the_value_policy(robot: str) ->
     policy = CriticPolicy(NetworkPolicy(params, _of(params, "policy", 1)), value, params, 99)
     for seed in range(20):
         state = random_state(seed, params)
-        feasible = predict(state, policy._policy.favourites(state, 99), params).feasible
+        feasible = predict(state, policy._policy.ranking(state, unless=99), params).feasible
         if feasible.any():
             assert policy.select_mode(state) == ValuePolicy(params, value).select_mode(state)
 
@@ -217,7 +218,7 @@ def test_critic__needs_no_network() -> None:
     policy = CriticPolicy(NetworkPolicy(params, model), value, params)
     for seed in range(10):
         state = random_state(seed, params)
-        ranked = NetworkPolicy(params, model).favourites(state, 8)
+        ranked = NetworkPolicy(params, model).ranking(state, unless=8)
         policy.reset()
         assert policy.select_mode(state) == plus_critic(state, ranked, value, params, 8).mode
 
@@ -233,21 +234,21 @@ def test_standing_still__the_critic_does_not_repeat_what_it_executed() -> None:
     assert len(set(executed)) == 6
 
 
-@pytest.mark.parametrize("kind", ["value", "quick-value"])
-def test_model_file__holds_its_critic(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("images", ["canonical", "both", "given"])
+def test_model_file__holds_its_critic(images: Images, tmp_path: Path) -> None:
     params = SnakeParams(n_joints=6, l=0.1)  # a robot of one's own: nothing ships for it
     critic = _of(params, "value", 7)
-    critic = Model(kind, params, critic.network)  # type: ignore[arg-type]
+    critic = Model("value", params, critic.network, images=images)
     model = Model("policy", params, _of(params, "policy", 2).network, {"by": "me"}, critic)
     path = tmp_path / "mine.safetensors"
     write_model(path, model)
     again = read_model(path)
     assert again.critic is not None
-    assert again.critic.kind == kind
+    assert again.critic.images == images
     for one, other in zip(again.critic.network.weights, critic.network.weights, strict=True):
         assert np.array_equal(one, other)
     state, value = random_state(3, params), NetworkValue(critic, params)
-    ranked = NetworkPolicy(params, model).favourites(state, 5)
+    ranked = NetworkPolicy(params, model).ranking(state, unless=5)
     chosen = load_policy(f"{path}+critic:k=5", params).select_mode(state)
     assert chosen == plus_critic(state, ranked, value, params, 5).mode
     with pytest.raises(InvalidInputError, match=r"^l = 0\.091: expected 0\.1, as the model was"):
@@ -267,7 +268,7 @@ def test_model_file__without_a_critic_ranks_by_its_own_action_values(tmp_path: P
     differs = 0
     for seed in range(30):
         state = random_state(seed, params)
-        ranked = NetworkPolicy(params, model).favourites(state, 3)
+        ranked = NetworkPolicy(params, model).ranking(state, unless=3)
         told = plus_critic(state, ranked, ActionValue(model, params), params, 3)
         policy.reset()
         others.reset()
@@ -286,7 +287,7 @@ def test_shipped_policies__use_the_value_network_of_their_robot(preset: str) -> 
     value, policy = NetworkValue(given, params), load_policy("ppo+critic:k=4", params)
     for seed in range(20):
         state = random_state(seed, params)
-        ranked = NetworkPolicy(params, model).favourites(state, 4)
+        ranked = NetworkPolicy(params, model).ranking(state, unless=4)
         policy.reset()
         told = plus_critic(state, ranked, value, params, 4)
         assert policy.select_mode(state) == told.mode

@@ -7,7 +7,7 @@ from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import SymmetricNetwork, mirror
+from snake_env.networks.symmetry import CanonicalNetwork, mirror
 from snake_env.params import SnakeParams
 from snake_env.policies.value import ActionValue, NetworkValue, PhaseValue, load_value
 from snake_env.sim.masks import instant_mask
@@ -36,33 +36,27 @@ def test_phase_value__counts_the_phases_left_and_this_ones_error() -> None:
     assert PhaseValue(PAPER)(states) == pytest.approx([7, 6, 5 + share, 4, 3, 2, 1, 0, 0])
 
 
-def test_network_value__is_the_networks_mean_of_both_images_or_0_at_the_target() -> None:
-    states = [random_state(seed) for seed in range(5)]
-    batch = StateBatch.stack([*states, states[0].replace(phase=9)])
-    network = _network(1)
-    values = NetworkValue(Model("value", PAPER, network), PAPER)(batch)
-    assert values.dtype == np.float64
-    order, sign = mirror(8)
-    seen = observe(batch, PAPER)
-    mean = 0.5 * (network(seen) + network(seen[:, order] * sign))[:, 0]
-    assert values[:5] == pytest.approx(mean[:5])
-    assert not np.allclose(mean, network(seen)[:, 0])
-    assert values[5] == 0.0
-    assert mean[5] != 0.0
-
-
-def test_network_value__that_is_quick_is_of_one_image() -> None:
+def test_network_value__is_what_the_network_says_of_an_image_or_0_at_the_target() -> None:
     states = [random_state(seed) for seed in range(6)]
     batch = StateBatch.stack([*states, states[0].replace(phase=9)])
     network = _network(1)
-    values = NetworkValue(Model("quick-value", PAPER, network), PAPER)(batch)
     order, sign = mirror(8)
     seen = observe(batch, PAPER)
-    right = batch.target[:, -1] < 0.0
+    of_state, of_image = (network(x)[:, 0] for x in (seen, seen[:, order] * sign))
+    right = batch.target[:, -1] >= 0.0
     assert 1 <= right[:6].sum() <= 5
-    seen[right] = seen[right][:, order] * sign
-    assert values[:6] == pytest.approx(network(seen)[:6, 0], abs=1e-5)
-    assert values[6] == 0.0
+    wanted = {
+        "canonical": np.where(right, of_state, of_image),
+        "both": 0.5 * (of_state + of_image),
+        "given": of_state,
+    }
+    for images, expected in wanted.items():
+        model = Model("value", PAPER, network, images=images)  # type: ignore[arg-type]
+        values = NetworkValue(model, PAPER)(batch)
+        assert values.dtype == np.float64
+        assert values[:6] == pytest.approx(expected[:6], abs=1e-5)
+        assert values[6] == 0.0
+        assert expected[6] != 0.0
 
 
 def test_network_value__of_no_states_is_empty() -> None:
@@ -79,15 +73,13 @@ def test_network_value__refuses_policies_and_other_robots() -> None:
 
 
 def _best_return(state: SnakeState, network: Network, params: SnakeParams) -> float:
-    """The largest action value of the modes that are stable at t_k: the mean of both images'."""
+    """The largest action value of the modes that are stable at t_k, from the canonical image."""
     order, sign = mirror(params.n_joints)
     (seen,) = observe(StateBatch.stack([state]), params)
-    returns = []
-    for image in (seen, seen[order] * sign):
-        hidden = np.maximum(image @ network.weights[0] + network.biases[0], 0.0)
-        returns.append(0.03 * (hidden @ network.weights[1] + network.biases[1]))
-    mean = 0.5 * (returns[0] + returns[1])
-    return max(float(mean[mode]) for mode in np.flatnonzero(instant_mask(state, params)))
+    image = seen if state.target[-1] >= 0.0 else seen[order] * sign
+    hidden = np.maximum(image @ network.weights[0] + network.biases[0], 0.0)
+    returns = 0.03 * (hidden @ network.weights[1] + network.biases[1])
+    return max(float(returns[mode]) for mode in np.flatnonzero(instant_mask(state, params)))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +100,7 @@ def test_action_value__is_what_the_best_open_modes_return_is_in_intervals(
         best = _best_return(state, model.network, params)
         # the reward: 1 for the target, -0.1 for each interval
         assert 1.0 - 0.1 * found == pytest.approx(best, abs=1e-5)
-        everything = SymmetricNetwork(model.network, n)(observe(StateBatch.stack([state]), params))
+        everything = CanonicalNetwork(model.network, n)(observe(StateBatch.stack([state]), params))
         closed_is_best += 0.03 * everything.max() > best + 1e-3
     assert closed_is_best > 10  # what can't be chosen does not count
 

@@ -34,9 +34,7 @@ from train.records import read_about
 TINY = """
 expected: half a minute [/red]
 value: {generations: 2, episodes: 48, exact: 1, hidden: [12]}
-critic: {generations: 1, episodes: 32, hidden: [8], epochs: 1, batch_size: 64}
 imitate: {rounds: 1, decisions: 2048, hidden: [12], last_epochs: 1, validation_tasks: 3}
-harvest: {tasks: 1024}
 ppo: {timesteps: 1024, hidden: [12], critic_hidden: [12], segment: 512, num_envs: 16, n_steps: 16,
       batch_size: 64, ema_rate: 0.1, validation_tasks: 3}
 dqn: {timesteps: 512, hidden: [12], segment: 256, num_envs: 16, learning_starts: 64, batch_size: 32,
@@ -81,7 +79,7 @@ def test_recipe__makes_models_that_know_their_recipe(finished: Path) -> None:
         model = read_model(finished / "models" / f"{name}.safetensors")
         assert model.params == params
         assert model.made["seed"] == 3
-        assert list(model.made["stages"]) == ["value", "critic", "imitate", "harvest", "ppo", "dqn"]
+        assert list(model.made["stages"]) == ["value", "imitate", "ppo", "dqn"]
         assert str(finished) not in json.dumps(dict(model.made))
         assert ("analytic" in model.made["validation"]) is False
         if model.kind == "policy":
@@ -104,16 +102,11 @@ def test_recipe__each_stage_learns_from_those_before_it(finished: Path) -> None:
 
     value = read_model(finished / "value" / "value.safetensors").sha256
     student = read_model(finished / "imitate" / "last.safetensors").sha256
-    critic = read_model(finished / "critic" / "value.safetensors").sha256
     assert config("value")["init"] is None
-    assert (config("critic")["init"], config("critic")["distil"]) == (value, True)
     assert config("imitate")["value"] == value
     assert [config("ppo")["init"], config("ppo")["init_critic"]] == [student, value]
     assert config("dqn")["init"] == student
-    assert {config(stage)["critic"] for stage in ("imitate", "ppo", "dqn")} == {critic}
-    tasks = load_tasks(finished / "harvest" / "tasks.npz", SnakeParams.preset("narrow"))
-    known = [len(tasks), tasks.sha256]
-    assert [config(stage)["tasks"] for stage in ("ppo", "dqn")] == [known, known]
+    assert {config(stage)["critic"] for stage in ("ppo", "dqn")} == {value}
     with (finished / "log.csv").open(newline="") as file:
         assert len(list(csv.DictReader(file))) == len(ORDER)
 
@@ -184,7 +177,7 @@ def test_kill__while_the_models_are_made_changes_nothing_either(
 
 
 def test_models__are_the_newest_of_their_stages_with_the_critic(finished: Path) -> None:
-    critic = read_model(finished / "critic" / "value.safetensors")
+    critic = read_model(finished / "value" / "value.safetensors")
     for name, source in SOURCES.items():
         made, learned = (
             read_model(finished / path) for path in (f"models/{name}.safetensors", source)
@@ -228,13 +221,11 @@ def test_budgets__have_options_for_every_stage(budget: str, tmp_path: Path) -> N
     assert "minutes on two" in stages.pop("expected")
     assert list(stages) == [stage for stage in STAGES if stage != "models"]
     for stage, given in stages.items():
-        command = "value" if stage == "critic" else stage
-        options_of = importlib.import_module(f"train.{command}").Options
+        options_of = importlib.import_module(f"train.{stage}").Options
         given |= {"value": "v.safetensors"} if stage == "imitate" else {}
-        given |= {"policy": "p.safetensors"} if stage == "harvest" else {}
         own = tmp_path / f"{stage}.yaml"
         own.write_text(yaml.safe_dump(given))
-        options = parse_with_file(options_of, command, ["--config", str(own)])
+        options = parse_with_file(options_of, stage, ["--config", str(own)])
         check(options)
     sizes = {tuple(stages[stage]["hidden"]) for stage in ("imitate", "ppo", "dqn")}
     assert len(sizes) == 1  # PPO and DQN begin with the student
@@ -294,9 +285,8 @@ def test_export__into_the_package_ships_what_a_wheel_has_room_for(
         ("--preset papr", "", "did you mean 'paper'"),
         ("--budget mine.yaml", "ppo: {timesteps: 0}", "timesteps = 0: expected a positive"),
         ("--budget mine.yaml", "dqn: {ema_rate: 2}", "ema_rate = 2.0: expected a number from 0"),
-        ("--budget mine.yaml", "critic: {hidden: [0]}", "hidden = (0,): expected one or more"),
+        ("--budget mine.yaml", "value: {hidden: [0]}", "hidden = (0,): expected one or more"),
         ("--budget mine.yaml", "imitate: {epochs: -1}", "epochs = -1: expected a positive"),
-        ("--budget mine.yaml", "harvest: {tasks: 0}", "tasks = 0: expected a positive"),
         ("--budget mine.yaml", "expected: 3", "expected = 3: expected a text"),
         ("--budget mine.yaml", "models: {}", "unknown stage in the recipe 'models'"),
         ("--budget mine.yaml", "[value]", "expected a mapping of options to values"),

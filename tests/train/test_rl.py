@@ -22,7 +22,7 @@ from harness.robot import Robot
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import SymmetricNetwork
+from snake_env.networks.symmetry import CanonicalNetwork
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.observation import observation_size
 from tests.support import HANGS_S
@@ -228,7 +228,7 @@ def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) ->
     observations = env.reset()
     with torch.no_grad():
         critic = model.policy.predict_values(model.policy.obs_to_tensor(observations)[0])
-    intervals = SymmetricNetwork(value, 8)(observations["observation"])
+    intervals = CanonicalNetwork(value, 8)(observations["observation"])
     np.testing.assert_allclose(critic.numpy(), 2.0 - 0.1 * intervals, rtol=1e-5, atol=1e-6)
 
 

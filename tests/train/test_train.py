@@ -1,9 +1,8 @@
-"""``python -m train``: what value and harvest make, refuse and survive."""
+"""``python -m train``: what value makes, refuses and survives."""
 
 import csv
 import json
 import re
-import shlex
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,27 +11,19 @@ import numpy as np
 import pytest
 
 import train.value
-from agents.harvest import Trial, play
 from harness.engine import Engine
-from harness.provenance import words_without
-from snake_env.networks.model_file import Model, read_model, write_model
-from snake_env.networks.network import Network
+from snake_env.networks.model_file import read_model
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sim.observation import observation_size
-from snake_env.sim.tasks import load_tasks
-from snake_env.state import StateBatch
 from tests.support import ROOT
 from tests.support.commands import QUICK, Command, Interrupted, names, tree
-from tests.support.models import unsure
-from tests.support.robots import PAPER
 from tests.support.torch_threads import one_thread
 from train.__main__ import COMMANDS, main
 
 FIVE = SnakeParams(n_joints=5)
 TRAIN = Command(main)
 IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
-HARVEST = ("harvest", "--tasks", "1500", "--workers", "1", "--policy")  # 3 shards
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
 
 
@@ -57,7 +48,7 @@ def test_help__names_every_command(
         assert re.search(rf"^  {name} +{re.escape(what)}$", stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["value", "harvest"])
+@pytest.mark.parametrize("command", ["value", "imitate"])
 def test_help__of_a_command_names_its_options(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,21 +67,10 @@ BAD = {
     "imitate --value {lookahead} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
     "imitate --value {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
     "imitate --value {lookahead} --lessons x": r"Unrecognized options: --lessons, x",
-    "harvest": r"^policy = None: expected --policy: whose lost tasks are wanted$",
-    "harvest --policy {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
-    "harvest --policy {lookahead}": r"^model\.kind = 'value': expected policy$",
-    "harvest --policy {imitate} --set n_joints=5": r"^n_joints = 5: expected 8, as the model was",
-    "harvest --policy {imitate} --tasks 0": r"^tasks = 0: expected a positive number$",
-    "harvest --policy {imitate} --copies -1": r"^copies = -1: expected zero or a positive number$",
-    "harvest --policy {imitate} --spread -1": r"^spread = -1\.0: expected a positive number$",
-    "harvest --policy {imitate} --share 1.5": r"^share = 1\.5: expected a number from 0 to 1$",
-    "harvest --policy {imitate} --seed -1": r"^seed = -1: expected zero or a positive number$",
-    "harvest --policy {imitate} --overwrite --resume": r"^overwrite = True: expected one of",
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
     "value --trace-decay 1.5": r"^trace_decay = 1\.5: expected a number from 0 to 1$",
     "value --exact -1": r"^exact = -1: expected zero or a positive number$",
-    "value --distil": r"^distil = True: expected --init: whose values are to be learned$",
     "value --device tpu": r"device 'tpu'",
     "value --window 0": r"^window = 0: expected a positive number$",
     "value --epochs 0": r"^epochs = 0: expected a positive number$",
@@ -127,77 +107,6 @@ def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: unknown command 'vlaue': did you mean 'value'?")
     assert done.stderr.count("\n") == 1
-
-
-# harvest
-
-
-@pytest.fixture(scope="module")
-def harvest(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
-    """The command, but for its folder."""
-    policy = tmp_path_factory.mktemp("policy") / "unsure.safetensors"
-    write_model(policy, Model("policy", PAPER, unsure()))
-    return (*HARVEST, policy, "--out")
-
-
-@pytest.fixture(scope="module")
-def harvested(harvest: tuple[object, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An uninterrupted harvest."""
-    folder = tmp_path_factory.mktemp("harvested") / "new" / "tasks"
-    TRAIN.good(*harvest, folder)
-    return folder
-
-
-def test_harvest__is_a_suite_of_lost_tasks_and_others(
-    harvest: tuple[object, ...], harvested: Path, tmp_path: Path
-) -> None:
-    assert names(harvested) == {"tasks.npz", "harvest.json"}
-    about = json.loads((harvested / "harvest.json").read_text())
-    suite = load_tasks(str(harvested / "tasks.npz"), PAPER)
-    lost = about["lost"]
-    assert 200 <= lost <= 1400  # of 1,536
-    words = words_without([str(word) for word in harvest[:-1]], "--workers")  # of no influence
-    assert about["command"] == f"python -m train {shlex.join(words)}"
-    assert 15.0 * lost <= len(suite) <= 17.5 * lost  # seven of each, a few of which touch, are 40 %
-    network = unsure()
-    parts = [play(Trial(0, part, 512, network, PAPER)) for part in range(3)]
-    np.testing.assert_array_equal(suite.phi0[:lost], np.concatenate([p.phi0 for p in parts]))
-    np.testing.assert_array_equal(suite.target[:lost], np.concatenate([p.target for p in parts]))
-    TRAIN.good(*harvest, tmp_path, "--copies", "0", "--share", "0.25")
-    other = load_tasks(str(tmp_path / "tasks.npz"), PAPER)
-    assert len(other) == 4 * lost
-    np.testing.assert_array_equal(other.phi0[:lost], suite.phi0[:lost])
-
-
-@pytest.mark.parametrize("after", [0, 2])
-def test_harvest__that_is_interrupted_resumes_as_if_nothing_had_happened(
-    after: int,
-    harvest: tuple[object, ...],
-    harvested: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    TRAIN.interrupt(after, *harvest, tmp_path)
-    assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
-    assert "--resume" in TRAIN.refusal(capsys, *harvest, tmp_path)
-    told = TRAIN.refusal(capsys, *harvest, tmp_path, "--seed", "1", "--resume")
-    assert re.search(r"^resume = .*: expected work with the same policies, tasks, options", told)
-    with pytest.MonkeyPatch.context() as patch:
-        engine = Interrupted(3 - after)  # what is left is all that is done
-        patch.setattr(Engine, "map", engine)
-        TRAIN.good(*harvest, tmp_path, "--resume")
-        assert engine.left == 0
-    assert (tmp_path / "tasks.npz").read_bytes() == (harvested / "tasks.npz").read_bytes()
-    assert names(tmp_path) == names(harvested)
-
-
-def test_harvest__keeps_one_unless_told_otherwise(
-    harvest: tuple[object, ...], harvested: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = tree(harvested)
-    told = TRAIN.refusal(capsys, *harvest, harvested)
-    assert re.search(r"^out = .*: expected an empty folder \(or --overwrite", told)
-    assert tree(harvested) == before
 
 
 # value
@@ -273,37 +182,6 @@ def test_value__goes_on_from_a_network_of_the_same_size(learned: Path, tmp_path:
     np.testing.assert_allclose(same.weights[0], begun.weights[0], atol=1e-6)
     other = read_model(tmp_path / "other" / "value.safetensors").network
     assert other.sizes == [observation_size(5), 9, 1]
-
-
-def test_value__is_distilled_into_a_smaller_network(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rng = np.random.default_rng(0)
-    shapes = [(observation_size(5), 24), (24, 1)]
-    teacher = Network(
-        [rng.normal(0.0, 0.5, shape).astype(np.float32) for shape in shapes],
-        [np.full(shape[1], 1.0, np.float32) for shape in shapes],
-    )
-    given = tmp_path / "given.safetensors"
-    write_model(given, Model("value", FIVE, teacher))
-    words = ("--distil", "--init", given, "--epochs", 100, "--hidden", 12)
-    more = ("--generations", 1, "--episodes", 320, "--learning-rate", 0.01)
-    TRAIN.good(*VALUE, tmp_path / "small", *words, *more)
-    small, large = (
-        NetworkValue(read_model(path), FIVE)
-        for path in (tmp_path / "small" / "value.safetensors", given)
-    )
-    suite = load_tasks("random:64:9", FIVE)
-    states = StateBatch.initial(suite.phi0, suite.target, FIVE)
-    off = np.abs(small(states) - large(states)).mean()
-    spread = np.abs(large(states) - np.median(large(states))).mean()
-    assert off < 0.5 * spread
-    file = tmp_path / "small" / "value.safetensors"
-    assert read_model(file).kind == "quick-value"  # asked about one image, it guides nobody else
-    for others in ((*VALUE, tmp_path / "no", "--init"), ("imitate", *QUICK, "--value")):
-        told = TRAIN.refusal(capsys, *others, file)
-        assert told == "model.kind = 'quick-value': expected value"
-    assert not (tmp_path / "no").exists()
 
 
 def _returns(folder: Path, generation: int) -> np.ndarray:
