@@ -50,8 +50,9 @@ def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
         raise InvalidInputError("recipes", found, expected)
     names = [", ".join(level) for level in ORDER]
     minutes = [float(row["minutes"]) for row in read_log(recipe / "log.csv")]
-    if len(minutes) < len(names):
-        raise InvalidInputError("recipes", str(recipe), "a finished recipe (--resume finishes it)")
+    if len(minutes) != len(names):
+        expected = f"a finished recipe of {len(names)} steps (--resume finishes it)"
+        raise InvalidInputError("recipes", str(recipe), expected)
     *_, student = read_log(recipe / "imitate" / "log.csv", "round")
     curves = {}
     for learner in LEARNERS:
