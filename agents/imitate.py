@@ -29,8 +29,8 @@ from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
+from snake_env.sb3.canonical_image import CanonicalImage
 from snake_env.sb3.model_writer import linear_layers
-from snake_env.sb3.symmetric import CanonicalImage
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
 

@@ -26,7 +26,7 @@ from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.params import N_JOINTS_RANGE
-from snake_env.sb3.symmetric import CanonicalImage
+from snake_env.sb3.canonical_image import CanonicalImage
 from snake_env.sim.observation import observation_size
 
 CLOSED = -1e8

@@ -30,8 +30,8 @@ from snake_env.networks.symmetry import (
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
+from snake_env.sb3.canonical_image import CanonicalImage
 from snake_env.sb3.model_writer import linear_layers
-from snake_env.sb3.symmetric import CanonicalImage
 from snake_env.sim.observation import observation_size
 
 PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
