@@ -28,7 +28,6 @@ SCHEMAS = (2, 3, 4)
 """Of files that can be read; the last one is written. Networks of schema 2 have ReLU; those of 2 and 3
 see both images, but for a ``quick-value`` (canonical) and what is not ``symmetric`` (given)."""
 _CRITIC = "critic."
-_PLAIN = {"network": None, "activation": "relu"}  # where a file says nothing
 LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
@@ -109,17 +108,16 @@ def write_model(path: Path, model: Model) -> None:
     tensors = _tensors(model.network)
     if model.critic is not None:
         tensors |= {_CRITIC + name: t for name, t in _tensors(model.critic.network).items()}
-    about = [_about(each) for each in models]
     manifest = {
         "schema": SCHEMAS[-1],
-        **about[0],
+        **_about(model),
         "action_values": model.action_values,
         "params": dataclasses.asdict(model.params),
         "observation": [list(row) for row in observation_rows(model.params.n_joints)],
         "made": dict(model.made),
     }
     if model.critic is not None:
-        manifest["critic"] = about[1]
+        manifest["critic"] = _about(model.critic)
     manifest = json.loads(json.dumps(manifest))  # as it will be read
     manifest["sha256"] = _digest(manifest, _split(save(tensors))[1])
     # one key: with more of them their order would be random, and so would the file's bytes
@@ -143,10 +141,9 @@ def read_model(path: Path) -> Model:
             raise _bad(path, f"a file of at most {LARGEST_FILE} bytes")
         data = path.read_bytes()
     except OSError as error:
-        hint = "; a training writes its first model with its first checkpoint"
         missing = isinstance(error, FileNotFoundError)
-        expected = f"a file that can be read ({error.strerror}{hint if missing else ''})"
-        raise _bad(path, expected) from None
+        hint = "; a training writes its first model with its first checkpoint" if missing else ""
+        raise _bad(path, f"a file that can be read ({error.strerror}{hint})") from None
     manifest, numbers = _read_manifest(path, data)
     try:
         tensors = load(data)
@@ -154,23 +151,18 @@ def read_model(path: Path) -> Model:
         raise _bad(path, f"a safetensors file ({error})") from None
     if _digest({k: v for k, v in manifest.items() if k != "sha256"}, numbers) != manifest["sha256"]:
         raise _bad(path, "the file as it was written (its sha256 differs)")
-    manifest = {**_PLAIN, "action_values": False, **_in_this_schema(manifest)}
+    manifest = {"action_values": False, **_in_this_schema(manifest)}
     params = _read_params(path, manifest["params"])
     own = {name: t for name, t in tensors.items() if not name.startswith(_CRITIC)}
     others = {name.removeprefix(_CRITIC): t for name, t in tensors.items() if name not in own}
     network = _read_network(path, manifest, params, own)
     critic = None
     if manifest["kind"] == "policy" and (about := manifest.get("critic")) is not None:
-        if not isinstance(about, dict) or _in_this_schema(about).get("kind") != "value":
+        if not isinstance(about, dict) or (about := _in_this_schema(about)).get("kind") != "value":
             raise _bad(path, "a critic of the kind value")
-        as_its_own = {
-            **_PLAIN,
-            **_in_this_schema(about),
-            "observation": manifest.get("observation"),
-        }
-        network_of_critic = _read_network(path, as_its_own, params, others)
-        images = _read_images(path, as_its_own)
-        critic = Model("value", params, network_of_critic, images=images)
+        about["observation"] = manifest.get("observation")
+        network_of_critic = _read_network(path, about, params, others)
+        critic = Model("value", params, network_of_critic, images=_read_images(path, about))
     elif others:
         raise _bad(path, "no tensors of a critic")
     return Model(
@@ -286,7 +278,8 @@ def _check_numbers(path: Path, network: Network) -> None:
 
 
 def _in_this_schema(about: dict[str, Any]) -> dict[str, Any]:
-    """What an older manifest tells about a network, in today's words."""
+    """What a manifest tells about a network, an older one in today's words."""
+    about = {"network": None, "activation": "relu", **about}
     if "images" in about:
         return about
     if about.get("kind") == "quick-value":
@@ -298,9 +291,9 @@ def _in_this_schema(about: dict[str, Any]) -> dict[str, Any]:
 
 def _read_images(path: Path, manifest: dict[str, Any]) -> Images:
     images: Images = manifest["images"]
-    if images not in get_args(Images):
-        raise _bad(path, f"images {' or '.join(get_args(Images))}")
-    return images
+    if images in get_args(Images):
+        return images
+    raise _bad(path, f"images {' or '.join(get_args(Images))}")
 
 
 def _bad(path: Path, expected: str) -> InvalidInputError:
