@@ -41,8 +41,7 @@ class NetworkPolicy:
         self.models = (model,)
         self._params = params
         get_observation_kernel(params.n_joints, params.head_contact)
-        n = params.n_joints
-        self._network = asked(model.network, n, model.images)
+        self._network = asked(model.network, params.n_joints, model.images)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:

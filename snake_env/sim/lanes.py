@@ -32,14 +32,12 @@ def checked_for(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Int
         InvalidModeError: A mode is out of range or not valid in the phase.
         InvalidInputError: The state does not fit the constants, or the modes are no list.
     """
-    chosen = checked_modes(modes)
-    if len(chosen):
-        table = mode_table(params.n_joints)
-        if not _is_sound(state, params):
-            check_states(StateBatch.stack([state]), params)
-        if not table.valid_pairs(chosen, np.int64(state.phase)).all():
-            for mode in chosen:
-                table.check(int(mode), state.phase)
+    chosen, table = checked_modes(modes), mode_table(params.n_joints)
+    if not _is_sound(state, params):
+        check_states(StateBatch.stack([state]), params)
+    if not table.valid_pairs(chosen, np.int64(state.phase)).all():
+        for mode in chosen:
+            table.check(int(mode), state.phase)
     return chosen
 
 

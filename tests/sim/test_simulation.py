@@ -166,6 +166,27 @@ def test_set_num_threads__refuses_what_is_no_count(count: object) -> None:
         set_num_threads(count)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("modes", [[], [0]])
+@pytest.mark.parametrize(
+    "wrong", [{"phase": 10}, {"phase": 1.5}, {"phase": "1"}, {"last_mode": 99}, {"elapsed": 1e7}]
+)
+def test_predict__checks_a_state_whatever_modes_are_asked_about(
+    wrong: dict[str, object], modes: list[int]
+) -> None:
+    (field,) = wrong
+    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = "):
+        predict(straight_state().replace(**wrong), modes, PAPER)
+
+
+def test_predict__of_numbers_of_numpy_is_that_of_pythons() -> None:
+    state, modes = random_state(4, phase=2), mode_table(8).valid(2)
+    numbers = {"phase": np.int64(2), "elapsed": np.float32(state.elapsed), "phase_time": 0}
+    other = state.replace(**numbers)
+    assert _bits(predict(other, modes, PAPER)) == _bits(
+        predict(state.replace(phase_time=0.0), modes, PAPER)
+    )
+
+
 @pytest.mark.parametrize("phase", [1, 8, 9])
 def test_predict__of_no_modes_is_empty(phase: int) -> None:
     prediction = predict(straight_state().replace(phase=phase), [], PAPER)
