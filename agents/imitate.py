@@ -29,7 +29,7 @@ from snake_env.modes import mode_table
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.sb3.canonical_image import CanonicalImage
+from snake_env.sb3.images import BothImages, MeanOfBoth
 from snake_env.sb3.model_writer import linear_layers
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size, observe
@@ -122,7 +122,7 @@ def fit(
     last: bool,
     track: Track = untracked,
 ) -> tuple[Network, dict[str, float]]:
-    """Fits a network to labels.
+    """Fits a network to labels: the mean of its outputs for state and mirror image.
 
     Args:
         network: The initial network; None: random weights.
@@ -144,7 +144,8 @@ def fit(
         if network is None
         else from_numpy(network.scaled(PREFERENCE))
     )
-    seeing = nn.Sequential(CanonicalImage(observation_size(n)), module).to(how.device)
+    images, mean = BothImages(observation_size(n)), MeanOfBoth()
+    seeing = nn.Sequential(images, module, mean).to(how.device)
     x = torch.from_numpy(np.concatenate([part.observations for part in parts])).to(how.device)
     cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs

@@ -14,7 +14,7 @@ from agents.trials import tried_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork
+from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.params import SnakeParams
 from snake_env.policies.search import expand
 from snake_env.policies.value import ValueFunction, network_value
@@ -113,7 +113,7 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
     scales = slips(shard.slip, count, rng)
-    student = None if shard.student is None else CanonicalNetwork(shard.student, params.n_joints)
+    student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
     for _ in range(round(_LONGEST * failure_cost(params))):
         if student is None:
             decisions, chosen = _of_teacher(states, shard, scale, rng)
@@ -148,7 +148,7 @@ def _of_teacher(
 
 
 def _of_student(
-    states: StateBatch, shard: Visit, student: CanonicalNetwork, rng: np.random.Generator
+    states: StateBatch, shard: Visit, student: SymmetricNetwork, rng: np.random.Generator
 ) -> tuple[Decisions, IntArray]:
     """What is kept of some states, and the student's choices; -1 in a deadlock.
 
@@ -167,7 +167,7 @@ def _of_student(
     return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
 
 
-def preferred(states: StateBatch, network: CanonicalNetwork, params: SnakeParams) -> IntArray:
+def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams) -> IntArray:
     """The modes that a policy's network prefers of those that are stable at t_k, shape (N,)."""
     mask = action_masks(states, "instant", params)
     modes: IntArray = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)

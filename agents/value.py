@@ -22,7 +22,7 @@ from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
-from snake_env.sb3.canonical_image import CanonicalImage
+from snake_env.sb3.images import CanonicalImage
 from snake_env.sb3.model_writer import linear_layers
 from snake_env.sim.observation import observation_size
 

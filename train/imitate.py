@@ -115,7 +115,7 @@ def train(options: Options, console: Console) -> Path:
             )
             kept = _kept(folder.path, number)
             made = {"command": command(), "config": config, "round": number + 1}
-            kept_model = Model("policy", params, network, made, value, action_values=True)
+            kept_model = Model("policy", params, network, made, value, "both", action_values=True)
             write_model(kept, kept_model)
             row: dict[str, Any] = {"round": number + 1}
             row |= {key: round(value, 5) for key, value in figures.items()}

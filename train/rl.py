@@ -180,6 +180,7 @@ def train(
                 learner.network(),
                 made,
                 ranker or learner.critic(params),
+                "both",
                 action_values=learner.action_values,
             )
             write_model(folder.path / "last.safetensors", kept)

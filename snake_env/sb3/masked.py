@@ -1,8 +1,9 @@
 """PPO and DQN of plain Stable-Baselines3 that never choose what the mask forbids.
 
 They take the dict observations of ``SnakeVecEnv(mask_in_observation=True)``: the network sees
-``observation``, and ``action_mask`` closes modes. In training as in the policy that is exported it sees
-the canonical one of a state and its mirror image: what is learned of one holds for the other.
+``observation``, and ``action_mask`` closes modes. In training as in the policy that is exported it is
+asked about each state and its mirror image, and the mean of its answers counts; PPO's critic sees the
+canonical one of both. What is learned of a state holds for its image.
 
 ``predict`` repeats a mode that did nothing, where the policies of ``snake_env.load_policy`` do not:
 give the env ``no_repeat=True`` and both play alike.
@@ -26,7 +27,7 @@ from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.params import N_JOINTS_RANGE
-from snake_env.sb3.canonical_image import CanonicalImage
+from snake_env.sb3.images import BothImages, CanonicalImage, MeanOfBoth
 from snake_env.sim.observation import observation_size
 
 CLOSED = -1e8
@@ -95,11 +96,15 @@ class ObservationWithMask(BaseFeaturesExtractor):
 
 
 class _MaskedMlp(MlpExtractor):
-    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents."""
+    """SB3's networks of actor and critic; the actor's hands the mask through, behind its latents.
+
+    The actor's latents are means over both images: so are the linear layer's outputs that follow.
+    """
 
     def __init__(self, n_modes: int, feature_dim: int, *args: Any, **kwargs: Any) -> None:
         super().__init__(feature_dim - n_modes, *args, **kwargs)
         self._n_modes = n_modes
+        self._images, self._mean = BothImages(feature_dim - n_modes), MeanOfBoth()
         self._image = CanonicalImage(feature_dim - n_modes)
 
     def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -107,7 +112,8 @@ class _MaskedMlp(MlpExtractor):
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         seen, mask = features[:, : -self._n_modes], features[:, -self._n_modes :]
-        return torch.cat([super().forward_actor(self._image(seen)), mask], dim=1)
+        latent = self._mean(super().forward_actor(self._images(seen)))
+        return torch.cat([latent, mask], dim=1)
 
     def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
         seen = features[:, : -self._n_modes]
@@ -156,13 +162,13 @@ class MaskedQNetwork(QNetwork):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._image = CanonicalImage(self.features_dim)
+        self._images, self._mean = BothImages(self.features_dim), MeanOfBoth()
 
     def forward(self, obs: PyTorchObs) -> torch.Tensor:
         """Action values, shape (N, n_modes)."""
         assert isinstance(obs, dict)
-        seen = self._image(self.extract_features(obs, self.features_extractor))
-        values: torch.Tensor = self.q_net(seen)
+        seen = self._images(self.extract_features(obs, self.features_extractor))
+        values: torch.Tensor = self._mean(self.q_net(seen))
         values = values.masked_fill(checked_mask(obs["action_mask"]) < 1, CLOSED)
         for network in self.chooser:
             chosen = network(obs).argmax(dim=1, keepdim=True)

@@ -98,9 +98,9 @@ def write_sb3_model(
     if (network.sizes[0], network.sizes[-1]) != wanted:
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"
         raise InvalidInputError("network", network.sizes, expected)
-    images: Images = "canonical" if ours else "given"
-    if critic is not None:
-        critic = dataclasses.replace(critic, images=images)
+    images: Images = "both" if ours else "given"
+    if critic is not None and not ours:
+        critic = dataclasses.replace(critic, images="given")
     write_model(file, Model("policy", robot, network, manifest, critic, images, values))
     return file
 

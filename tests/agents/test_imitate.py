@@ -14,7 +14,7 @@ from agents.teacher import label
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import PREFERENCE, Model, read_model, write_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import CanonicalNetwork
+from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.policies.value import PhaseValue, pretrained
 from snake_env.sim.observation import observe
 from snake_env.sim.tasks import load_tasks
@@ -82,7 +82,7 @@ def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
     lesson = dataset(decisions, PARAMS)
     how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
     network, _ = fit(None, [lesson], how, PARAMS, seed=0, last=False)
-    estimates = PREFERENCE * CanonicalNetwork(network, 8)(lesson.observations)
+    estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)
     good = lesson.cost.min(axis=1, where=lesson.cost >= 0.0, initial=np.inf)[:, None] + 1.0
     near = (lesson.cost >= 0.0) & (lesson.cost <= good)
     wanted = 1.0 - 0.1 * lesson.cost[near].astype(np.float64)

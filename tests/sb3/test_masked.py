@@ -24,13 +24,14 @@ from snake_env.networks.model_file import PREFERENCE, Model, write_model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import (
     CanonicalNetwork,
+    SymmetricNetwork,
     joints_observed,
     mirror,
 )
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
-from snake_env.sb3.canonical_image import CanonicalImage
+from snake_env.sb3.images import BothImages, CanonicalImage, MeanOfBoth
 from snake_env.sb3.model_writer import linear_layers
 from snake_env.sim.observation import observation_size
 
@@ -123,7 +124,7 @@ def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, ppo_learner: 
     observation, learner = env.reset(), ppo_learner.model
     with torch.no_grad():
         got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
-    asked = CanonicalNetwork(ppo_learner.network(), 8)
+    asked = SymmetricNetwork(ppo_learner.network(), 8)
     logits = asked(observation["observation"]).astype(np.float64)
     wanted = np.exp(logits) * observation["action_mask"]
     wanted /= wanted.sum(axis=1, keepdims=True)
@@ -159,7 +160,7 @@ def test_dqn__target_is_the_value_of_the_open_mode_that_the_online_network_prefe
         q_learner.q_net_target.q_net[-1].bias[:] = -50.0  # all values are far below 0
         target = q_learner.q_net_target(_tensors(observation)).numpy().max(axis=1)
     values, online = (
-        CanonicalNetwork(to_numpy(linear_layers(q_net.q_net)), 8)(observation["observation"])
+        SymmetricNetwork(to_numpy(linear_layers(q_net.q_net)), 8)(observation["observation"])
         for q_net in (q_learner.q_net_target, q_learner.q_net)
     )
     chosen = np.where(observation["action_mask"] > 0, online, -np.inf).argmax(axis=1)
@@ -204,7 +205,7 @@ def test_begin__gives_the_policy_the_preferences(either: Learner, env: _Checked)
             np.testing.assert_allclose(
                 q_net.q_net(inputs).detach().numpy(), PREFERENCE * wanted, rtol=1e-5, atol=1e-5
             )
-    asked = CanonicalNetwork(given, 8)(observation["observation"])
+    asked = SymmetricNetwork(given, 8)(observation["observation"])
     preferences = np.where(observation["action_mask"] > 0, asked, -np.inf)
     chosen, _ = either.model.predict(observation, deterministic=True)
     np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
@@ -323,16 +324,20 @@ def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
 
 
 @pytest.mark.parametrize("n_joints", [5, 8, 10])
-def test_canonical_image__is_what_is_seen_in_numpy(n_joints: int) -> None:
+def test_images__are_what_is_seen_in_numpy(n_joints: int) -> None:
     size = observation_size(n_joints)
     module = build([size, 16, 8, 5])
     seen = np.random.default_rng(3).uniform(-1.0, 1.0, (7, size)).astype(np.float32)
     with torch.no_grad():
-        got = module(CanonicalImage(size)(torch.from_numpy(seen))).numpy()
+        of_one = module(CanonicalImage(size)(torch.from_numpy(seen))).numpy()
+        of_both = MeanOfBoth()(module(BothImages(size)(torch.from_numpy(seen)))).numpy()
     network = to_numpy(linear_layers(module))
     wanted = CanonicalNetwork(network, n_joints)(seen)
-    np.testing.assert_allclose(got, wanted, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(of_one, wanted, rtol=1e-5, atol=1e-6)
+    wanted_of_both = SymmetricNetwork(network, n_joints)(seen)
+    np.testing.assert_allclose(of_both, wanted_of_both, rtol=1e-5, atol=1e-6)
     assert not np.allclose(wanted, network(seen), atol=1e-3)
+    assert not np.allclose(wanted, wanted_of_both, atol=1e-3)
     assert joints_observed(size) == n_joints
 
 

@@ -61,7 +61,7 @@ def test_file__chooses_what_predict_chooses(
     model = _made(name, activation)
     path = write_sb3_model(model, tmp_path / "a.safetensors", SIX, made={"by": "hand"})
     read, masked = read_model(path), MAKES[name][2]
-    images = "canonical" if masked else "given"
+    images = "both" if masked else "given"
     assert (read.network.activation, read.images, read.made) == (told, images, {"by": "hand"})
     policy, chosen = load_policy(path, SIX), set()
     assert isinstance(policy, NetworkPolicy)
