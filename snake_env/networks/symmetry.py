@@ -1,7 +1,7 @@
 """The robot's mirror image: phi to -phi and y to -y; the lifted wheels stay the same.
 
 Every state is worth what its mirror image is worth, and has the same best mode. A policy's network is
-asked about both, and the mean of its answers counts: it errs less. Value networks, which are asked about
+asked about both, and the mean of its answers counts: it errs less. Value networks, asked about
 many states at a time, see one of the two, always the same one: it takes half the time.
 """
 
