@@ -314,7 +314,7 @@ def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
 ) -> None:
     either.begin(_network(seed=4))
     file = tmp_path / "policy.safetensors"
-    write_model(file, Model("policy", SnakeParams(), either.network(), {}))
+    write_model(file, Model("policy", SnakeParams(), either.network(), images="both"))
     observation = env.reset()
     for _ in range(20):
         chosen, _ = either.model.predict(observation, deterministic=True)
