@@ -77,7 +77,7 @@ class ValuePolicy:
 
     Args:
         params: The constants that it predicts with.
-        value: Default: the shipped network ``value``, or what the planner is guided by.
+        value: Default: the shipped network.
         transfer: Whether that network may have been trained with other constants.
 
     Raises:
@@ -90,7 +90,7 @@ class ValuePolicy:
         self.params = params
         self.rollouts = 0
         if value is None:
-            value = load_value(params, ("value", "lookahead"), transfer)
+            value = load_value(params, transfer)
         self.models = models_of(value)
         _load_program(value, params)
         self._value = value

@@ -124,9 +124,7 @@ def _learned(name: str) -> Callable[..., Policy]:
             joints = sorted({each.params.n_joints for each in shipped(name)})
             expected = f"one of {joints}, for which {name} ships"
             raise InvalidInputError("n_joints", params.n_joints, expected)
-        critic = pretrained(
-            params, "value", "lookahead", transfer=transfer
-        )  # shared, so shipped once
+        critic = pretrained(params, "value", transfer=transfer)  # shared, so shipped once
         return NetworkPolicy(params, dataclasses.replace(model, critic=critic), transfer)
 
     return policy

@@ -122,12 +122,12 @@ def shipped(name: str) -> tuple[Model, ...]:
         return tuple(read_model(file) for file in files if file.is_file())
 
 
-def pretrained(params: SnakeParams, *names: str, transfer: bool = False) -> Model | None:
+def pretrained(params: SnakeParams, name: str, transfer: bool = False) -> Model | None:
     """The shipped model for a robot.
 
     Args:
         params: The robot's constants.
-        *names: Policies whose models serve, the preferred one first.
+        name: The policy whose model it is.
         transfer: Whether a model that was trained with other constants serves where there is none for
             these: the one that differs least.
 
@@ -137,8 +137,7 @@ def pretrained(params: SnakeParams, *names: str, transfer: bool = False) -> Mode
     Raises:
         InvalidInputError: All that ship for as many joints were trained with other constants.
     """
-    models = [model for name in names for model in shipped(name)]
-    fitting = [model for model in models if model.params.n_joints == params.n_joints]
+    fitting = [model for model in shipped(name) if model.params.n_joints == params.n_joints]
     if not fitting:
         return None
     nearest = min(fitting, key=lambda model: len(params.differences(model.params)))
@@ -146,21 +145,14 @@ def pretrained(params: SnakeParams, *names: str, transfer: bool = False) -> Mode
     return nearest
 
 
-GUIDES = ("lookahead", "value")
-"""Whose networks guide planner and teachers. ``lookahead`` is large, as many states share its cost;
-robots without one have ``value``, for whose network every decision of that policy waits."""
-
-
 @functools.lru_cache(maxsize=16)
-def load_value(
-    params: SnakeParams, names: tuple[str, ...] = GUIDES, transfer: bool = False
-) -> ValueFunction:
+def load_value(params: SnakeParams, transfer: bool = False) -> ValueFunction:
     """The shipped value network for a robot, or :class:`PhaseValue` where :func:`pretrained` has none.
 
     Raises:
         InvalidInputError: As :func:`pretrained`.
     """
-    model = pretrained(params, *names, transfer=transfer)
+    model = pretrained(params, "value", transfer=transfer)
     return PhaseValue(params) if model is None else NetworkValue(model, params, transfer)
 
 
@@ -170,5 +162,5 @@ def value_digest(params: SnakeParams, transfer: bool = False) -> str | None:
     Raises:
         InvalidInputError: It was trained with other constants, and these are not accepted.
     """
-    model = pretrained(params, *GUIDES, transfer=transfer)
+    model = pretrained(params, "value", transfer=transfer)
     return None if model is None else model.sha256

@@ -98,7 +98,7 @@ def log(run: Path) -> list[dict[str, str]]:
 def value(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of a value network that knows something."""
     file = tmp_path_factory.mktemp("value") / "value.safetensors"
-    model = pretrained(PARAMS, "lookahead")
+    model = pretrained(PARAMS, "value")
     assert model is not None
     write_model(file, Model("value", PARAMS, model.network))
     return file
@@ -116,7 +116,7 @@ def test_imitate__beats_random_choices(run: Path) -> None:
     assert all(float(row["raw_rollouts"]) == 0.0 for row in log(run))
     assert float(log(run)[-1]["critic_success"]) > 0.8  # random ones that are stable: 34 %
     assert load_policy(run / "best.safetensors").rollouts == 0
-    critic, given = read_model(run / "best.safetensors").critic, pretrained(PARAMS, "lookahead")
+    critic, given = read_model(run / "best.safetensors").critic, pretrained(PARAMS, "value")
     assert critic is not None
     assert given is not None
     np.testing.assert_array_equal(critic.network.weights[0], given.network.weights[0])

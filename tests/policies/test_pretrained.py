@@ -17,7 +17,7 @@ from snake_env.sim.tasks import load_tasks
 
 FOLDER = Path(str(files("snake_env") / "pretrained"))
 MODELS = sorted(path.stem for path in FOLDER.glob("*.safetensors"))
-POLICIES = [name for name in MODELS if not name.startswith(("value", "lookahead"))]
+POLICIES = [name for name in MODELS if not name.startswith("value")]
 
 
 LEAST = {"paper": 0.95, "narrow": 0.8, "hardware": 0.85, "six": 0.55, "ten": 0.95}
@@ -52,7 +52,7 @@ def test_model__tells_how_it_was_made(name: str) -> None:
     if "stages" in made:  # a recipe's: anyone can make it again
         assert re.fullmatch("[0-9a-f]{40}", made["git"])
         assert made["budget"] == "full"
-        assert set(made["stages"]) == {"value", "critic", "imitate", "harvest", "ppo", "dqn"}
+        assert set(made["stages"]) >= {"value", "imitate", "ppo", "dqn"}
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -64,9 +64,9 @@ def test_help__of_a_command_names_its_options(
 BAD = {
     "vlaue": r"^unknown command 'vlaue': did you mean 'value'\? known: .*value",
     "--seed 3": r"^unknown command '--seed'",
-    "imitate --value {lookahead} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
+    "imitate --value {value} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
     "imitate --value {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
-    "imitate --value {lookahead} --lessons x": r"Unrecognized options: --lessons, x",
+    "imitate --value {value} --lessons x": r"Unrecognized options: --lessons, x",
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
     "value --trace-decay 1.5": r"^trace_decay = 1\.5: expected a number from 0 to 1$",
@@ -90,7 +90,7 @@ BAD = {
 def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "lookahead")}
+    models = {name: str(IMITATE.with_stem(name)) for name in ("imitate", "value")}
     arguments = [word.format(tmp=tmp_path, **models) for word in case.split()]
     out = () if case.startswith(("vlaue", "--seed")) else ("--out", tmp_path / "out")
     assert re.search(BAD[case], TRAIN.refusal(capsys, *arguments[:1], *out, *arguments[1:]))
