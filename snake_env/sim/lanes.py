@@ -48,7 +48,7 @@ def _is_sound(state: SnakeState, params: SnakeParams) -> bool:
     return (
         w.shape == (3,)
         and phi.shape == target.shape == (n,)
-        and bool(w @ w + phi @ phi + target @ target <= LARGEST)  # so is each of them
+        and bool(np.abs(np.concatenate((w, phi, target))).max() <= LARGEST)
         and all(isinstance(number, float) and abs(number) <= LARGEST for number in numbers)
         and type(state.phase) is type(state.last_mode) is int
         and 1 <= state.phase <= n + 1
