@@ -40,7 +40,7 @@ def test_masks__make_a_greedy_network_play_as_its_policy_does(network: str) -> N
             assert mode == policy.select_mode(env.state)
             observation, _, terminated, truncated, info = env.step(mode)
             over = terminated or truncated
-    assert closed > 20
+    assert closed > 10
 
 
 def _plain_mask(env: SnakeModeSelectionEnv) -> np.ndarray:
