@@ -1,6 +1,7 @@
 """Learned policies: one evaluation of a network for a decision, and no model roll-out.
 
-Networks that are trained here see one image of the state, the canonical one.
+The network sees the state and its mirror image, side by side, and what it prefers is the mean; others
+see the state alone.
 """
 
 from __future__ import annotations

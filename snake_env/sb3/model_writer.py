@@ -87,7 +87,8 @@ def write_sb3_model(
         network = _network([*extractor.policy_net, policy.action_net])
         if ranks:
             worth = _network([*extractor.value_net, policy.value_net])
-            critic = Model("value", robot, in_intervals(worth, weights))
+            seen: Images = "canonical" if ours else "given"
+            critic = Model("value", robot, in_intervals(worth, weights), images=seen)
     else:
         ours, values = isinstance(policy.q_net, MaskedQNetwork), ranks
         network = _network(list(policy.q_net.q_net))
@@ -99,8 +100,6 @@ def write_sb3_model(
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"
         raise InvalidInputError("network", network.sizes, expected)
     images: Images = "both" if ours else "given"
-    if critic is not None and not ours:
-        critic = dataclasses.replace(critic, images="given")
     write_model(file, Model("policy", robot, network, manifest, critic, images, values))
     return file
 
