@@ -1,5 +1,6 @@
 """Learned policies without roll-outs, and their shield."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from snake_env import InvalidInputError, SnakeParams, SnakeState, UnknownNameError, load_policy
 from snake_env.networks.model_file import Model, write_model
 from snake_env.networks.network import Network
+from snake_env.networks.symmetry import Images
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.shield import ShieldedPolicy
 from snake_env.sim.masks import instant_mask
@@ -30,24 +32,27 @@ def preferring(order: list[int]) -> Model:
 
 
 def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
-    """What the network says of the image whose last target is not negative; and the mask."""
+    """What the network says of the images that its model names; and the mask."""
     observation, mask = observe_one(state, PARAMS)
-    if state.target[-1] < 0.0:
-        x, y, theta = state.w - PARAMS.w_d
-        mirrored = state.replace(
-            w=np.array([x, -y, -theta]) + PARAMS.w_d,
-            phi=-state.phi,
-            target=-state.target,
-            ref_start=-state.ref_start,
-            last_turn=-state.last_turn,
-        )
-        observation, _ = observe_one(mirrored, PARAMS)
-    return model.network(observation), mask
+    x, y, theta = state.w - PARAMS.w_d
+    mirrored = state.replace(
+        w=np.array([x, -y, -theta]) + PARAMS.w_d,
+        phi=-state.phi,
+        target=-state.target,
+        ref_start=-state.ref_start,
+        last_turn=-state.last_turn,
+    )
+    image, _ = observe_one(mirrored, PARAMS)
+    if model.images == "both":
+        return model.network(observation) + model.network(image), mask
+    return model.network(observation if state.target[-1] >= 0.0 else image), mask
 
 
+@pytest.mark.parametrize("images", ["both", "canonical"])
 @pytest.mark.parametrize("task", range(5))
-def test_choice__is_the_preferred_stable_mode(task: int) -> None:
-    state, model = SUITE.initial(task, PARAMS), model_of(task)
+def test_choice__is_the_preferred_stable_mode(task: int, images: Images) -> None:
+    state = SUITE.initial(task, PARAMS)
+    model = dataclasses.replace(model_of(task), images=images)
     preferences, mask = wanted(model, state)
     policy = NetworkPolicy(PARAMS, model)
     mode = policy.select_mode(state)
@@ -56,8 +61,9 @@ def test_choice__is_the_preferred_stable_mode(task: int) -> None:
     assert policy.rollouts == 0
 
 
-def test_ranking__holds_every_open_mode_once_the_best_first() -> None:
-    state, model = SUITE.initial(0, PARAMS), model_of()
+@pytest.mark.parametrize("images", ["both", "canonical"])
+def test_ranking__holds_every_open_mode_once_the_best_first(images: Images) -> None:
+    state, model = SUITE.initial(0, PARAMS), dataclasses.replace(model_of(), images=images)
     ranking = NetworkPolicy(PARAMS, model).ranking(state)
     preferences, mask = wanted(model, state)
     np.testing.assert_array_equal(np.sort(ranking), np.flatnonzero(mask))
@@ -72,11 +78,13 @@ def test_ranking__comes_in_order_where_all_are_simulated_anyway() -> None:
     assert policy.ranking(state, unless=len(modes) - 1).tolist() != modes.tolist()
 
 
+@pytest.mark.parametrize("images", ["both", "canonical"])
 @pytest.mark.parametrize("task", range(10))
-def test_choice__is_that_of_the_mirrored_robot(task: int) -> None:
+def test_choice__is_that_of_the_mirrored_robot(task: int, images: Images) -> None:
     state = SUITE.initial(task, PARAMS)
     mirrored = SnakeState.initial(-state.phi, -state.target, PARAMS)
-    one, other = (NetworkPolicy(PARAMS, model_of(task)).select_mode(s) for s in (state, mirrored))
+    model = dataclasses.replace(model_of(task), images=images)
+    one, other = (NetworkPolicy(PARAMS, model).select_mode(s) for s in (state, mirrored))
     assert one == other
 
 
