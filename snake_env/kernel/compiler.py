@@ -44,7 +44,7 @@ def load(ir: str, what: str) -> BlockFunction:
     """Machine code of ``run`` in the IR: from the cache, or compiled (and announced) and cached.
 
     Args:
-        ir: What :func:`snake_env.kernel.emission.emit` made.
+        ir: What :func:`snake_env.kernel.emission.emit` made, or a module with a function of its kind.
         what: Name of the kernel in the announcement.
     """
     llvm.initialize_native_target()

@@ -85,30 +85,22 @@ def joints_observed(size: int) -> int:
 class SymmetricNetwork:
     """A network that is asked about states and about their mirror images: the mean of its answers.
 
-    Its first layer is there twice, the second time for observations that are not mirrored yet.
-
     Args:
         network: Takes observations.
         n_joints: Joints of the robots.
     """
 
     def __init__(self, network: Network, n_joints: int) -> None:
-        first = network.weights[0]
-        self._first = np.concatenate([first, _for_images(first, n_joints)], axis=1)
-        self._first_bias = np.concatenate([network.biases[0]] * 2)
-        self._activate = network.activate
-        self._rest = list(zip(network.weights[1:], network.biases[1:], strict=True))
+        self._network = network
+        self._order, self._sign = mirror(n_joints)
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
-        x = observations @ self._first
-        x += self._first_bias
-        x = x.reshape(2 * len(observations), x.shape[1] // 2)  # each state, then its image
-        for weight, bias in self._rest:
-            self._activate(x)
-            x = _product(x, weight)
-            x += bias
-        result: Float32Array = x[0::2] + x[1::2]
+        images = observations.take(self._order, axis=1)
+        images *= self._sign
+        answers = self._network(np.concatenate((observations, images)))
+        result = answers[: len(images)]
+        result += answers[len(images) :]
         result *= 0.5
         return result
 
@@ -157,13 +149,3 @@ def _for_images(first: Float32Array, n_joints: int) -> Float32Array:
     weights = np.empty_like(first)
     weights[order] = sign[:, None] * first
     return weights
-
-
-def _product(x: Float32Array, weight: Float32Array) -> Float32Array:
-    """``x @ weight``; two rows one by one, as BLAS packs the weights first where it gets a matrix."""
-    if len(x) != 2:
-        return x @ weight
-    result = np.empty((2, weight.shape[1]), dtype=np.float32)
-    np.dot(x[0], weight, out=result[0])
-    np.dot(x[1], weight, out=result[1])
-    return result

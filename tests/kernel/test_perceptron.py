@@ -1,0 +1,146 @@
+"""The compiled perceptron: its formula, and that nothing beside an input matters to its outputs."""
+
+import copy
+import itertools
+import os
+import pickle
+import platform
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from snake_env.kernel.perceptron import GROUP, Perceptron
+from snake_env.networks.network import FEW, Network
+
+_SIZES = st.lists(st.integers(1, 90), min_size=2, max_size=5)
+_COUNTS = st.integers(1, 2 * GROUP + 1)
+_RUN = """
+import sys
+import llvmlite.binding as llvm
+if sys.argv[1] != "native":
+    class Narrow:
+        def flatten(self):
+            return "+avx,+avx2,+fma"
+    llvm.get_host_cpu_name = lambda: sys.argv[1]
+    llvm.get_host_cpu_features = Narrow
+import numpy as np
+from snake_env.kernel.perceptron import Perceptron
+rng = np.random.default_rng(1)
+draw = lambda *shape: rng.normal(size=shape).astype(np.float32)
+network = Perceptron([draw(99, 70), draw(70, 33), draw(33, 5)], [draw(70), draw(33), draw(5)])
+sys.stdout.write(network(draw(6, 99)).tobytes().hex())
+"""
+
+
+def _layers(sizes: list[int], seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    rng = np.random.default_rng(seed)
+    weights = [
+        rng.normal(0.0, a**-0.5, (a, b)).astype(np.float32) for a, b in itertools.pairwise(sizes)
+    ]
+    return weights, [rng.normal(size=size).astype(np.float32) for size in sizes[1:]]
+
+
+def _inputs(sizes: list[int], count: int, seed: int) -> NDArray[np.float32]:
+    x = np.random.default_rng(seed + 1).normal(size=(count, sizes[0]))
+    return x.astype(np.float32)
+
+
+def _formula(weights: list[np.ndarray], biases: list[np.ndarray], x: np.ndarray) -> np.ndarray:
+    """In double precision."""
+    values = x.astype(np.float64)
+    for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        values = (np.maximum(values, 0.0) if k else values) @ weight.astype(np.float64) + bias
+    return values
+
+
+@given(_SIZES, _COUNTS, st.integers(0, 99))
+def test_perceptron__is_its_formula(sizes: list[int], count: int, seed: int) -> None:
+    weights, biases = _layers(sizes, seed)
+    x = _inputs(sizes, count, seed)
+    before = x.copy()
+    outputs = Perceptron(weights, biases)(x)
+    assert outputs.shape == (count, sizes[-1])
+    assert outputs.dtype == np.float32
+    assert outputs == pytest.approx(_formula(weights, biases, x), rel=1e-5, abs=1e-5)
+    assert np.array_equal(x, before)
+
+
+@given(_SIZES, _COUNTS, st.integers(0, 99))
+def test_outputs__depend_on_their_own_input_alone(sizes: list[int], count: int, seed: int) -> None:
+    perceptron = Perceptron(*_layers(sizes, seed))
+    x = _inputs(sizes, count, seed)
+    together = perceptron(x)
+    assert np.isnan(perceptron(np.full_like(x, np.nan))).all()  # leaves nothing behind
+    for k in range(count):
+        assert np.array_equal(perceptron(x[k : k + 1])[0], together[k])
+    assert np.array_equal(perceptron(x[::-1]), together[::-1])
+
+
+def test_no_input__no_output() -> None:
+    assert Perceptron(*_layers([5, 8, 3], 0))(np.empty((0, 5), np.float32)).shape == (0, 3)
+
+
+@pytest.mark.parametrize("size", [4, 6, 64, 1000])
+def test_inputs_of_another_size__are_refused(size: int) -> None:
+    perceptron = Perceptron(*_layers([5, 8, 3], 0))
+    with pytest.raises(ValueError, match=f"^inputs of 5 values, not {size}$"):
+        perceptron(np.zeros((2, size), np.float32))
+
+
+def test_outputs__are_the_callers_own() -> None:
+    sizes = [5, 8, 3]
+    perceptron = Perceptron(*_layers(sizes, 0))
+    x = _inputs(sizes, 2, 0)
+    first = perceptron(x)
+    kept = first.copy()
+    perceptron(_inputs(sizes, 2, 1))
+    assert np.array_equal(first, kept)
+
+
+def test_threads__do_not_share_what_is_written() -> None:
+    sizes = [99, 256, 99]
+    network = Network(*_layers(sizes, 0))
+    inputs = [_inputs(sizes, 1 + k % GROUP, k) for k in range(400)]
+    expected = [network(x) for x in inputs]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(network, inputs))
+    assert all(map(np.array_equal, found, expected))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
+def test_copies_of_a_network_that_was_used__give_the_same(copied: object) -> None:
+    sizes = [9, 20, 4]
+    network, x = Network(*_layers(sizes, 3)), _inputs(sizes, FEW, 3)
+    expected = network(x)
+    assert callable(copied)
+    again = copied(network)
+    del network
+    assert np.array_equal(again(x), expected)
+
+
+def test_networks__give_few_inputs_what_they_give_many() -> None:
+    sizes = [99, 64, 99]
+    network, x = Network(*_layers(sizes, 5)), _inputs(sizes, FEW + 1, 5)
+    assert network(x[:FEW]) == pytest.approx(network(x)[:FEW], rel=1e-5, abs=1e-5)
+
+
+def _bits(processor: str, cache: Path) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", _RUN, processor],
+        env={**os.environ, "SNAKE_ENV_CACHE_DIR": str(cache)},
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names x86 processors")
+def test_outputs__do_not_depend_on_the_vector_width(tmp_path: Path) -> None:
+    assert _bits("x86-64-v3", tmp_path) == _bits("native", tmp_path)
