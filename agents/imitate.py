@@ -22,7 +22,7 @@ from torch import nn
 
 from agents.checks import check_device, check_hidden, check_positive
 from agents.labels import REWARD, Decisions
-from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
+from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
 from agents.pace import failure_value
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -112,6 +112,7 @@ def read_datasets(run: Path) -> list[Dataset]:
     return parts
 
 
+@fast_products()
 def fit(
     network: Network | None,
     parts: Sequence[Dataset],
@@ -150,7 +151,7 @@ def fit(
     cost = torch.from_numpy(np.concatenate([part.cost for part in parts])).to(how.device)
     size, epochs = min(how.batch_size, len(x)), how.last_epochs if last else how.epochs
     steps = len(x) // size  # in a pass
-    optimizer = torch.optim.Adam(module.parameters(), how.learning_rate)
+    optimizer = torch.optim.Adam(module.parameters(), how.learning_rate, fused=True)
     schedule = torch.optim.lr_scheduler.LinearLR(
         optimizer, 1.0, 0.01 if last else 1.0, total_iters=epochs * steps
     )

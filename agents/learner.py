@@ -14,7 +14,7 @@ from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from agents.mlp import DivergedError, load_weights, to_numpy
+from agents.mlp import DivergedError, fast_products, load_weights, to_numpy
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -76,6 +76,7 @@ class Learner(ABC):
     def _round(self, callback: BaseCallback) -> None:
         """Some decisions and the updates that follow."""
 
+    @fast_products()
     def learn(self, until: int, seed: int, callback: BaseCallback, report: Report) -> None:
         """Learns until it has made ``until`` decisions, or some more: whole rounds.
 

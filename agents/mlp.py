@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import torch
 from torch import nn
@@ -24,6 +25,21 @@ def build(sizes: Sequence[int]) -> nn.Sequential:
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
+
+
+@contextmanager
+def fast_products() -> Iterator[None]:
+    """Rounds the factors of matrix products to bfloat16 where the processor is made for it (AMX).
+
+    Training then takes about half the time. Weights, sums and all else keep single precision, and on
+    other processors nothing changes (:func:`torch.set_float32_matmul_precision`).
+    """
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("medium")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
 class DivergedError(SnakeEnvError):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.checks import check_device, check_hidden, check_positive
-from agents.mlp import Track, batches, build, from_numpy, to_numpy, untracked
+from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3.images import CanonicalImage
@@ -53,6 +53,7 @@ class Fit:
         check_device(self.device)
 
 
+@fast_products()
 def fit(
     network: Network | None,
     observations: NDArray[np.float32],
@@ -91,7 +92,9 @@ def fit(
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = len(x) // size  # in a pass
-    optimizer = torch.optim.AdamW(module.parameters(), learning_rate, weight_decay=how.weight_decay)
+    optimizer = torch.optim.AdamW(
+        module.parameters(), learning_rate, weight_decay=how.weight_decay, fused=True
+    )
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, learning_rate, total_steps=max(20, how.epochs * steps + 1), pct_start=0.1
     )
