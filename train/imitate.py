@@ -54,7 +54,7 @@ class Options:
     """Rounds of playing and fitting."""
     decisions: int = 131_072
     """Decisions that are labelled in each round, in parts of 2048."""
-    overweight: float = 4.0
+    overweight: float = 16.0
     """States in which the student's choice is infeasible are kept this many times as often as others;
     the first round, in which the teacher plays, keeps all."""
 

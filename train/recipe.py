@@ -54,7 +54,7 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     ground: Ground = field(default_factory=Ground)
     budget: Annotated[str, tyro.conf.arg(metavar="quick|full|FILE.yaml")] = "quick"
-    """quick: 15 minutes on two fast cores. full: 45 minutes; what ships. Or a file with the options of
+    """quick: 15 minutes on two fast cores. full: an hour; what ships. Or a file with the options of
     each stage, as those of these two in agents/recipes/."""
     tasks: int = 500
     """Tasks of validation-2k on which the policies are compared at the end."""
