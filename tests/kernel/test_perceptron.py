@@ -2,13 +2,8 @@
 
 import copy
 import itertools
-import os
 import pickle
-import platform
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,22 +16,6 @@ from snake_env.networks.network import FEW, Network
 
 _SIZES = st.lists(st.integers(1, 90), min_size=2, max_size=5)
 _COUNTS = st.integers(1, 2 * GROUP + 1)
-_RUN = """
-import sys
-import llvmlite.binding as llvm
-if sys.argv[1] != "native":
-    class Narrow:
-        def flatten(self):
-            return "+avx,+avx2,+fma"
-    llvm.get_host_cpu_name = lambda: sys.argv[1]
-    llvm.get_host_cpu_features = Narrow
-import numpy as np
-from snake_env.kernel.perceptron import Perceptron
-rng = np.random.default_rng(1)
-draw = lambda *shape: rng.normal(size=shape).astype(np.float32)
-network = Perceptron([draw(99, 70), draw(70, 33), draw(33, 5)], [draw(70), draw(33), draw(5)])
-sys.stdout.write(network(draw(6, 99)).tobytes().hex())
-"""
 
 
 def _layers(sizes: list[int], seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -129,18 +108,3 @@ def test_networks__give_few_inputs_what_they_give_many() -> None:
     sizes = [99, 64, 99]
     network, x = Network(*_layers(sizes, 5)), _inputs(sizes, FEW + 1, 5)
     assert network(x[:FEW]) == pytest.approx(network(x)[:FEW], rel=1e-5, abs=1e-5)
-
-
-def _bits(processor: str, cache: Path) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", _RUN, processor],
-        env={**os.environ, "SNAKE_ENV_CACHE_DIR": str(cache)},
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-
-
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names x86 processors")
-def test_outputs__do_not_depend_on_the_vector_width(tmp_path: Path) -> None:
-    assert _bits("x86-64-v3", tmp_path) == _bits("native", tmp_path)

@@ -8,15 +8,18 @@ from pathlib import Path
 
 import pytest
 
-_RUN = """
+_PROCESSOR = """
 import sys
 import llvmlite.binding as llvm
-if sys.argv[1] != "native":
-    class NoFeatures:
+name, features = sys.argv[1:]
+if name != "native":
+    class Given:
         def flatten(self):
-            return ""
-    llvm.get_host_cpu_name = lambda: sys.argv[1]
-    llvm.get_host_cpu_features = NoFeatures
+            return features
+    llvm.get_host_cpu_name = lambda: name
+    llvm.get_host_cpu_features = Given
+"""
+_ROBOT = """
 from snake_env import ModeTable, SnakeParams, load_tasks, predict
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
@@ -31,11 +34,19 @@ for task in range(3):
     for array in (prediction.phi, prediction.cost, prediction.d_min, prediction.j, *seen):
         sys.stdout.write(array.tobytes().hex() + "\\n")
 """
+_NETWORK = """
+import numpy as np
+from snake_env.kernel.perceptron import Perceptron
+rng = np.random.default_rng(1)
+draw = lambda *shape: rng.normal(size=shape).astype(np.float32)
+network = Perceptron([draw(99, 70), draw(70, 33), draw(33, 5)], [draw(70), draw(33), draw(5)])
+sys.stdout.write(network(draw(6, 99)).tobytes().hex())
+"""
 
 
-def _results(processor: str, cache: Path) -> str:
+def _results(script: str, processor: str, features: str, cache: Path) -> str:
     return subprocess.run(
-        [sys.executable, "-c", _RUN, processor],
+        [sys.executable, "-c", _PROCESSOR + script, processor, features],
         env={**os.environ, "SNAKE_ENV_CACHE_DIR": str(cache)},
         check=True,
         capture_output=True,
@@ -44,6 +55,18 @@ def _results(processor: str, cache: Path) -> str:
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names x86 processors")
-@pytest.mark.parametrize("processor", ["x86-64", "x86-64-v3"])
-def test_results__do_not_depend_on_the_vector_width(processor: str, tmp_path: Path) -> None:
-    assert _results(processor, tmp_path) == _results("native", tmp_path)
+@pytest.mark.parametrize(
+    ("script", "processor", "features"),
+    [
+        (_ROBOT, "x86-64", ""),
+        (_ROBOT, "x86-64-v3", ""),
+        (_ROBOT, "x86-64-v3", "+avx,+avx2,+fma"),
+        (_NETWORK, "x86-64-v3", "+avx,+avx2,+fma"),  # without fma, sums are rounded otherwise
+    ],
+)
+def test_results__do_not_depend_on_the_vector_width(
+    script: str, processor: str, features: str, tmp_path: Path
+) -> None:
+    found = _results(script, processor, features, tmp_path)
+    assert found
+    assert found == _results(script, "native", "", tmp_path)
