@@ -89,10 +89,10 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
     """
     kept: list[Decisions] = []
     wave, missing = 0, shard.decisions
+    per_kept = 1.0 if shard.student is None else shard.overweight
     while missing > 0:
         stream = np.random.SeedSequence(shard.seed, spawn_key=(shard.part, wave, 0))
-        most = _SIDE_BY_SIDE if shard.student is None else int(_SIDE_BY_SIDE * shard.overweight)
-        count = min(most, max(1, missing // 10))  # so that few are cut short
+        count = int(per_kept * min(_SIDE_BY_SIDE, max(1.0, missing / 10)))  # few are cut short
         for decisions in _episodes(shard, count, np.random.default_rng(stream)):
             kept.append(decisions.take(np.arange(min(missing, len(decisions)))))
             missing -= len(kept[-1])
