@@ -31,8 +31,8 @@ def build(sizes: Sequence[int]) -> nn.Sequential:
 def fast_products() -> Iterator[None]:
     """Rounds the factors of matrix products to bfloat16 where the processor is made for it (AMX).
 
-    Training then takes about half the time. Weights, sums and all else keep single precision, and on
-    other processors nothing changes (:func:`torch.set_float32_matmul_precision`).
+    Fits then take some three fifths of the time. Weights, sums and all else keep single precision, and
+    on other processors nothing changes (:func:`torch.set_float32_matmul_precision`).
     """
     before = torch.get_float32_matmul_precision()
     torch.set_float32_matmul_precision("medium")

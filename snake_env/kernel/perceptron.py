@@ -104,7 +104,7 @@ def _panels(matrix: NDArray[np.float32], panel: int) -> NDArray[np.float32]:
 
 @functools.cache
 def _program() -> BlockFunction:
-    """The program for all networks: how large they are stands in the layers."""
+    """The program, which all networks share: it reads their sizes from the layers."""
     return load(_ir(_width()), "networks")
 
 

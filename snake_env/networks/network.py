@@ -46,7 +46,7 @@ class Network:
 
     def __call__(self, x: Float32Array) -> Float32Array:
         """Outputs for inputs of shape (inputs,) or (N, inputs)."""
-        if x.ndim == 2 and len(x) <= FEW and self.activation == "relu":
+        if x.ndim == 2 and len(x) <= FEW and self._compiled is not None:
             return self._compiled(x)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = x @ weight
@@ -54,9 +54,14 @@ class Network:
             self._activate(x)
         return x @ self.weights[-1] + self.biases[-1]
 
+    def prepared(self) -> Network:
+        """The network, compiled or loaded for few inputs before decisions wait for it."""
+        _ = self._compiled
+        return self
+
     @functools.cached_property
-    def _compiled(self) -> Perceptron:
-        return Perceptron(self.weights, self.biases)
+    def _compiled(self) -> Perceptron | None:
+        return Perceptron(self.weights, self.biases) if self.activation == "relu" else None
 
     def _activate(self, x: Float32Array) -> None:
         """Replaces the outputs of a layer by what the next one is given."""

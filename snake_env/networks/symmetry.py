@@ -91,7 +91,7 @@ class SymmetricNetwork:
     """
 
     def __init__(self, network: Network, n_joints: int) -> None:
-        self._network = network
+        self._network = network.prepared()
         self._order, self._sign = mirror(n_joints)
 
     def __call__(self, observations: Float32Array) -> Float32Array:
@@ -118,8 +118,9 @@ class CanonicalNetwork:
     def __init__(self, network: Network, n_joints: int) -> None:
         first = _for_images(network.weights[0], n_joints)
         self._sign_index = canonical_sign_index(len(first))
-        self._of_canonical = network
-        self._of_images = dataclasses.replace(network, weights=[first, *network.weights[1:]])
+        self._of_canonical = network.prepared()
+        mirrored = dataclasses.replace(network, weights=[first, *network.weights[1:]])
+        self._of_images = mirrored.prepared()
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
@@ -139,7 +140,7 @@ def asked(
 ) -> CanonicalNetwork | SymmetricNetwork | Network:
     """A network that takes observations, and is asked about some images of the states."""
     if images == "given":
-        return network
+        return network.prepared()
     return (CanonicalNetwork if images == "canonical" else SymmetricNetwork)(network, n_joints)
 
 

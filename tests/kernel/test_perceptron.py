@@ -11,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from snake_env import ModeTable, SnakeParams, load_policy
 from snake_env.kernel.perceptron import GROUP, Perceptron
 from snake_env.networks.network import FEW, Network
+from snake_env.sim.tasks import random_suite
 
 _SIZES = st.lists(st.integers(1, 90), min_size=2, max_size=5)
 _COUNTS = st.integers(1, 2 * GROUP + 1)
@@ -102,6 +104,16 @@ def test_copies_of_a_network_that_was_used__give_the_same(copied: object) -> Non
     again = copied(network)
     del network
     assert np.array_equal(again(x), expected)
+
+
+@pytest.mark.parametrize("name", ["ppo", "ppo+critic"])
+def test_decisions__do_not_wait_for_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    params = SnakeParams()
+    policy = load_policy(name, params)
+    monkeypatch.setattr("snake_env.networks.network.Perceptron", None)  # from here on: an error
+    policy.reset(0)
+    state = random_suite(1, 3, params).initial(0, params)
+    assert policy.select_mode(state) in ModeTable(8).valid(1)
 
 
 def test_networks__give_few_inputs_what_they_give_many() -> None:
