@@ -21,7 +21,7 @@ from snake_env.policies.value import ValueFunction, network_value
 from snake_env.sim.episode import STILL
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
-from snake_env.sim.simulation import advance_batch, predict_batch
+from snake_env.sim.simulation import advance_batch, predict_batch, successors
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
@@ -116,25 +116,22 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
     for _ in range(round(_LONGEST * failure_cost(params))):
         if student is None:
-            decisions, chosen = _of_teacher(states, shard, scale, rng)
+            decisions, after = _of_teacher(states, shard, scale, rng)
         else:
-            decisions, chosen = _of_student(states, shard, student, rng)
+            decisions, after = _of_student(states, shard, student, rng)
         yield decisions
-        going = np.flatnonzero(chosen >= 0)
-        before = states.take(going)
-        states, _ = advance_batch(before, chosen[going], params)
-        moved = np.abs(states.phi - before.phi).max(axis=1, initial=0.0) >= STILL
-        open_ = np.flatnonzero(moved & (states.phase <= params.n_joints))
-        scale, scales = scale[going][open_], scales[going][open_]
-        states = slip_batch(states.take(open_), scales, rng)
+        moved = np.abs(after.phi - states.phi).max(axis=1, initial=0.0) >= STILL
+        open_ = np.flatnonzero(moved & (after.phase <= params.n_joints))
+        scale, scales = scale[open_], scales[open_]
+        states = slip_batch(after.take(open_), scales, rng)
         if len(states) == 0:
             return
 
 
 def _of_teacher(
     states: StateBatch, shard: Visit, scale: FloatArray, rng: np.random.Generator
-) -> tuple[Decisions, IntArray]:
-    """What is kept of some states, and the teacher's choices, with noise; -1 in a deadlock.
+) -> tuple[Decisions, StateBatch]:
+    """What is kept of some states, and where the teacher's choices lead, with noise.
 
     All are labelled; those near a deadlock are always kept.
     """
@@ -144,13 +141,14 @@ def _of_teacher(
     feasible, valid = decisions.feasible.sum(axis=1), _valid(states, shard.params)
     near_deadlock = (feasible <= FEW) & (valid > FEW)
     kept = (near_deadlock | _drawn(shard, len(states), rng)) & (valid > 1)
-    return decisions.take(np.flatnonzero(kept)), np.where(feasible > 0, rank.argmin(axis=1), -1)
+    chosen = np.where(feasible > 0, rank.argmin(axis=1), -1)
+    return decisions.take(np.flatnonzero(kept)), _executed(states, chosen, shard.params)
 
 
 def _of_student(
     states: StateBatch, shard: Visit, student: SymmetricNetwork, rng: np.random.Generator
-) -> tuple[Decisions, IntArray]:
-    """What is kept of some states, and the student's choices; -1 in a deadlock.
+) -> tuple[Decisions, StateBatch]:
+    """What is kept of some states, and where the student's choices lead.
 
     Where its choice is infeasible the teacher helps, and the state is kept. Only what is kept is
     labelled, so that the others are cheap.
@@ -163,8 +161,16 @@ def _of_student(
     rows = np.flatnonzero(kept)
     decisions = _labelled(states.take(rows), shard, rng, also=chosen[rows])
     best = np.where(decisions.feasible.any(axis=1), decisions.cost_to_go.argmin(axis=1), -1)
-    chosen[wrong] = best[wrong[rows]]
-    return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), chosen
+    helped = _executed(states.take(np.flatnonzero(wrong)), best[wrong[rows]], params)
+    after = successors(states, chosen, prediction, params).put(np.flatnonzero(wrong), helped)
+    return decisions.take(np.flatnonzero(decisions.mask.sum(axis=1) > 1)), after
+
+
+def _executed(states: StateBatch, modes: IntArray, params: SnakeParams) -> StateBatch:
+    """Where modes lead, shape (N,); in a deadlock, -1, the state stays as it is."""
+    going = np.flatnonzero(modes >= 0)
+    after, _ = advance_batch(states.take(going), modes[going], params)
+    return states.put(going, after)
 
 
 def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams) -> IntArray:

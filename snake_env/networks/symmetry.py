@@ -7,7 +7,6 @@ many states at a time, see one of the two, always the same one: it takes half th
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import Literal
 
@@ -91,13 +90,11 @@ class SymmetricNetwork:
     """
 
     def __init__(self, network: Network, n_joints: int) -> None:
-        self._network = network.prepared()
-        self._order, self._sign = mirror(n_joints)
+        self._network, self._n_joints = network.prepared(), n_joints
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
-        images = observations.take(self._order, axis=1)
-        images *= self._sign
+        images = _mirrored(observations, self._n_joints)
         answers = self._network(np.concatenate((observations, images)))
         result = answers[: len(images)]
         result += answers[len(images) :]
@@ -116,23 +113,16 @@ class CanonicalNetwork:
     """
 
     def __init__(self, network: Network, n_joints: int) -> None:
-        first = _for_images(network.weights[0], n_joints)
-        self._sign_index = canonical_sign_index(len(first))
-        self._of_canonical = network.prepared()
-        mirrored = dataclasses.replace(network, weights=[first, *network.weights[1:]])
-        self._of_images = mirrored.prepared()
+        self._network, self._n_joints = network.prepared(), n_joints
+        self._sign_index = canonical_sign_index(network.sizes[0])
 
     def __call__(self, observations: Float32Array) -> Float32Array:
         """Outputs, shape (N, outputs), for observations of shape (N, inputs)."""
-        as_it_is = observations[:, self._sign_index] >= 0.0
-        count = np.count_nonzero(as_it_is)
-        if count == len(observations):
-            return self._of_canonical(observations)
-        if count == 0:
-            return self._of_images(observations)
-        result = self._of_images(observations)
-        result[as_it_is] = self._of_canonical(observations[as_it_is])
-        return result
+        as_it_is = observations[:, self._sign_index, None] >= 0.0
+        if not as_it_is.all():
+            images = _mirrored(observations, self._n_joints)
+            observations = np.where(as_it_is, observations, images)
+        return self._network(observations)
 
 
 def asked(
@@ -144,9 +134,9 @@ def asked(
     return (CanonicalNetwork if images == "canonical" else SymmetricNetwork)(network, n_joints)
 
 
-def _for_images(first: Float32Array, n_joints: int) -> Float32Array:
-    """Weights of a first layer that takes observations and sees their mirror images."""
+def _mirrored(observations: Float32Array, n_joints: int) -> Float32Array:
+    """The mirror images of observations, shape (N, inputs)."""
     order, sign = mirror(n_joints)
-    weights = np.empty_like(first)
-    weights[order] = sign[:, None] * first
-    return weights
+    images = observations.take(order, axis=1)
+    images *= sign
+    return images
