@@ -60,10 +60,15 @@ def test_decisions__are_made_again_in_the_episodes_states() -> None:
     assert all(duration > 0 for duration in durations["noting"])
 
 
-def test_policies__take_turns() -> None:
-    measure_latencies({name: _rows(name) for name in ("noting", "other")}, SUITE, SHORT)
-    names = [name for name, *_ in CALLS[-40:]]
-    assert names == ["noting", "other"] * 20
+def test_policies__take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = {name: _rows(name) for name in ("noting", "other")}
+    CALLS.clear()
+    monkeypatch.setattr(latency, "TURN", 8)
+    durations = measure_latencies(rows, SUITE, SHORT)
+    assert [name for name, *_ in CALLS] == [*["noting"] * 8, *["other"] * 8] * 2 + [
+        *["noting"] * 4, *["other"] * 4,
+    ]  # fmt: skip
+    assert [len(own) for own in durations.values()] == [19, 19]
 
 
 def test_decisions__are_bounded_in_number_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
