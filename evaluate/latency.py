@@ -25,8 +25,8 @@ DECISIONS = 300
 SECONDS = 20.0
 """... unless they take longer than this [s]."""
 TURN = 50
-"""Decisions before it is the next policy's turn. Few, so that all meet with the same neighbours; many, so
-that a policy finds its networks in the caches, as it does where it works alone."""
+"""Decisions before it is the next policy's turn. Few, so that all meet with the same neighbours; many,
+so that a policy finds its networks in the caches, as it does where it works alone."""
 
 
 def measure_latencies(
