@@ -82,7 +82,7 @@ class Descent:
     """
 
     def __init__(
-        self, module: nn.Module, learning_rate: float, steps: int, weight_decay: float = 0.0
+        self, module: nn.Module, learning_rate: float, steps: int, weight_decay: float
     ) -> None:
         matrices, biases = ([p for p in module.parameters() if p.ndim == d] for d in (2, 1))
         self._optimizers: list[Optimizer] = [

@@ -9,6 +9,7 @@ lies further ahead: how long an episode takes hangs on tiny differences, so retu
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from torch import nn
 from agents.checks import check_device, check_hidden, check_positive
 from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
 from agents.muon import Descent
+from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3.images import CanonicalImage
 from snake_env.sb3.model_writer import linear_layers
@@ -39,12 +41,16 @@ class Fit:
     learning_rate: float = 8e-3
     """Learning rate of Muon, and of Adam for biases, in the first generation; it falls to a hundredth
     within each, and the largest to a twentieth by the last."""
+    weight_decay: float = 0.2
+    """Weight decay of Muon."""
     device: str = "cpu"
     """Where the network is fitted: cpu, or cuda."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "batch_size", "learning_rate")
+        if not 0.0 <= self.weight_decay < math.inf:
+            raise InvalidInputError("weight_decay", self.weight_decay, "zero or a positive number")
         check_hidden(self.hidden)
         check_device(self.device)
 
@@ -88,7 +94,7 @@ def fit(
     x, y = (torch.from_numpy(part).to(how.device) for part in (observations, intervals))
     size = min(how.batch_size, len(x))
     steps = len(x) // size  # in a pass
-    descent = Descent(module, learning_rate, how.epochs * steps)
+    descent = Descent(module, learning_rate, how.epochs * steps, how.weight_decay)
     last_pass: deque[torch.Tensor] = deque(maxlen=steps)
     for rows in track(batches(len(x), size, how.epochs, how.device), how.epochs * steps):
         estimate = seeing(x[rows])[:, 0]

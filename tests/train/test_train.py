@@ -79,6 +79,7 @@ BAD = {
     "value --learning-rate nan": r"^learning_rate = nan: expected a positive number$",
     "imitate --value {value} --weight-decay -1": r"^weight_decay = -1\.0: expected zero or a pos",
     "imitate --value {value} --values -1": r"^values = -1\.0: expected zero or a positive number$",
+    "value --weight-decay -1": r"^weight_decay = -1\.0: expected zero or a positive number$",
     "value --hidden 8 0": r"^hidden = \(8, 0\): expected one or more positive sizes$",
     "value --hidden": r"hidden",
     "value --seed -1": r"seed = -1: expected an integer from 0",
