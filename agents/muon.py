@@ -21,7 +21,9 @@ _ITERATIONS = 5
 class Muon(Optimizer):
     """Nesterov's momentum, orthogonalised, and scaled so that Adam's learning rates fit it.
 
-    Equals ``torch.optim.Muon(..., adjust_lr_fn="match_rms_adamw")``.
+    That is ``torch.optim.Muon(..., adjust_lr_fn="match_rms_adamw")``, but in single precision: bfloat16
+    is slow on processors that are not made for it, and on others
+    :func:`agents.mlp.fast_products` does as much.
 
     Args:
         matrices: What is learned: parameters with two dimensions.
@@ -59,16 +61,15 @@ class Muon(Optimizer):
 def orthogonalised(matrix: torch.Tensor) -> torch.Tensor:
     """The matrix with its singular values near one, by Newton-Schulz iterations.
 
-    They come to lie between 0.7 and 1.2, but where they are tiny beside the largest. In bfloat16: a
-    step need not be exact.
+    They come to lie between 0.7 and 1.2, but where they are tiny beside the largest.
     """
     wide = matrix.shape[0] <= matrix.shape[1]
-    x = matrix.bfloat16() if wide else matrix.bfloat16().T
+    x = matrix if wide else matrix.T
     x = x / x.norm().clamp(min=1e-7)
     for _ in range(_ITERATIONS):
         gram = x @ x.T
         x = torch.addmm(x, torch.addmm(gram, gram, gram, beta=_B, alpha=_C), x, beta=_A)
-    return (x if wide else x.T).float()
+    return x if wide else x.T
 
 
 class Descent:
