@@ -20,6 +20,13 @@ def check_positive(options: Any, *names: str) -> None:
             raise InvalidInputError(name, getattr(options, name), "a positive number")
 
 
+def check_not_negative(options: Any, *names: str) -> None:
+    """Raises InvalidInputError unless these fields are zero or positive, and finite."""
+    for name in names:
+        if not 0 <= getattr(options, name) < math.inf:
+            raise InvalidInputError(name, getattr(options, name), "zero or a positive number")
+
+
 def check_share(options: Any, *names: str) -> None:
     """Raises InvalidInputError unless these fields are from 0 to 1."""
     for name in names:

@@ -14,11 +14,16 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from torch import nn
 
-from agents.checks import check_at_most, check_hidden, check_positive, check_share
+from agents.checks import (
+    check_at_most,
+    check_hidden,
+    check_not_negative,
+    check_positive,
+    check_share,
+)
 from agents.learner import Learner
 from agents.mlp import falling
 from agents.pace import failure_value
-from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -126,13 +131,10 @@ class Settings:
         check_positive(self, "buffer_size", "gradient_steps", "target_update")
         check_share(self, "exploration", "exploration_end", "gamma", "ema_rate")
         check_positive(self, "ema_rate")
-        if not 0.0 <= self.anchor < math.inf:
-            raise InvalidInputError("anchor", self.anchor, "zero or a positive number")
+        check_not_negative(self, "anchor")
         check_at_most(self, 65_536, "num_envs", "n_steps", "batch_size")
         check_at_most(self, 100_000_000, "buffer_size")
-        if self.learning_starts < 0:
-            expected = "zero or a positive number"
-            raise InvalidInputError("learning_starts", self.learning_starts, expected)
+        check_not_negative(self, "learning_starts")
 
 
 class DQNLearner(Learner):

@@ -9,7 +9,6 @@ the preferences are those of a soft maximum of action values: PPO and DQN can bo
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.checks import check_device, check_hidden, check_positive
+from agents.checks import check_device, check_hidden, check_not_negative, check_positive
 from agents.labels import REWARD, Decisions
 from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
 from agents.muon import Descent
@@ -67,9 +66,7 @@ class Fit:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "last_epochs", "batch_size", "learning_rate")
         check_positive(self, "violation")
-        for name in ("weight_decay", "cross_entropy", "values"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise InvalidInputError(name, getattr(self, name), "zero or a positive number")
+        check_not_negative(self, "weight_decay", "cross_entropy", "values")
         check_hidden(self.hidden)
         check_device(self.device)
 

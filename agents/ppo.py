@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-from agents.checks import check_at_most, check_hidden, check_positive, check_share
+from agents.checks import (
+    check_at_most,
+    check_hidden,
+    check_not_negative,
+    check_positive,
+    check_share,
+)
 from agents.learner import Learner
 from agents.mlp import falling, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
@@ -67,12 +72,7 @@ class Settings:
         check_positive(self, "learning_rate", "clip_range", "ema_rate")
         check_share(self, "gae_lambda", "gamma", "ema_rate")
         check_at_most(self, 65_536, "num_envs", "n_steps")
-        if not 0.0 <= self.entropy < math.inf:
-            raise InvalidInputError("entropy", self.entropy, "zero or a positive number")
-        if self.critic_warmup < 0:
-            raise InvalidInputError(
-                "critic_warmup", self.critic_warmup, "zero or a positive number"
-            )
+        check_not_negative(self, "entropy", "critic_warmup")
         if self.num_envs * self.n_steps < 2:
             expected = "2 or more together with --num-envs: advantages are normalised"
             raise InvalidInputError("n_steps", self.n_steps, expected)

@@ -9,7 +9,6 @@ lies further ahead: how long an episode takes hangs on tiny differences, so retu
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -18,10 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.checks import check_device, check_hidden, check_positive
+from agents.checks import check_device, check_hidden, check_not_negative, check_positive
 from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
 from agents.muon import Descent
-from snake_env.errors import InvalidInputError
 from snake_env.networks.network import Network
 from snake_env.sb3.images import CanonicalImage
 from snake_env.sb3.model_writer import linear_layers
@@ -49,8 +47,7 @@ class Fit:
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""
         check_positive(self, "epochs", "batch_size", "learning_rate")
-        if not 0.0 <= self.weight_decay < math.inf:
-            raise InvalidInputError("weight_decay", self.weight_decay, "zero or a positive number")
+        check_not_negative(self, "weight_decay")
         check_hidden(self.hidden)
         check_device(self.device)
 

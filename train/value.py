@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from agents.checks import check_positive, check_share
+from agents.checks import check_not_negative, check_positive, check_share
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from harness.engine import Engine
@@ -69,8 +69,7 @@ class Options:
         """
         check_positive(self, "generations", "episodes", "window")
         check_share(self, "trace_decay")
-        if self.exact < 0:
-            raise InvalidInputError("exact", self.exact, "zero or a positive number")
+        check_not_negative(self, "exact")
         self.fit.check()
         self.ground.check()
         self.engine.check()

@@ -137,7 +137,7 @@ def test_values_that_no_learner_can_use__are_refused(tmp_path: Path, text: str) 
 
 @pytest.mark.parametrize("flag", ["--learning-rate", "--weight-decay"])
 def test_infinite_values_on_the_command_line__are_refused(flag: str) -> None:
-    options = parse_with_file(imitate.Options, "train", ["--value", "a.safetensors", flag, "inf"])
+    options = parse_with_file(value.Options, "train", [flag, "inf"])
     with pytest.raises(SnakeEnvError, match="inf"):
         options.fit.check()
 
