@@ -18,7 +18,9 @@ from evaluate.outside import make_policy, staying
 from evaluate.protocol import SKID, Row
 from evaluate.replay import floor_of, modes_of
 from snake_env.params import SnakeParams
+from snake_env.policies.base import Policy
 from snake_env.sim.tasks import TaskSuite
+from snake_env.state import SnakeState
 
 DECISIONS = 300
 """Decisions that are measured of each policy ..."""
@@ -85,12 +87,17 @@ def _decide_again(
             within(limit_s, policy.reset, row["task"])
             floor = floor_of(row, params)
             for mode in modes_of(row):
-                began = time.perf_counter_ns()
-                within(limit_s, policy.select_mode, state)
-                yield round((time.perf_counter_ns() - began) / 1e3, 1)
+                yield within(limit_s, _duration_us, policy, state)
                 state, _ = floor.advance(state, mode)
     except (Exception, SystemExit, DecisionTimeoutError):
         return  # it decided well in the episodes: what is measured so far has to do
+
+
+def _duration_us(policy: Policy, state: SnakeState) -> float:
+    """What one decision takes [us]; inside the timer of the limit, which takes time itself."""
+    began = time.perf_counter_ns()
+    policy.select_mode(state)
+    return round((time.perf_counter_ns() - began) / 1e3, 1)
 
 
 def _spread(count: int) -> list[int]:

@@ -52,7 +52,7 @@ def _command(words: list[str]) -> int:
             raise UnknownNameError("command", words[0], COMMANDS)
         begin("python -m train", words)
         module: Any = importlib.import_module(f"train.{words[0]}")
-        options = parse_with_file(module.Options, f"python -m train {words[0]}", words[1:])
+        options = parse_with_file(module.Options, words[0], words[1:])
         console = make_console()
         run = getattr(options, "run", None)
         if isinstance(run, Run) and run.seeds != 1:

@@ -21,27 +21,36 @@ T = TypeVar("T")
 
 _FLAG = "--config"
 _HELP = (
-    "--config FILE.yaml: options from a file, by the names below with underscores; "
-    "the command line counts more."
+    "--config FILE.yaml: options from a file, under the names below with underscores, or a recipe's "
+    "file; the command line overrides it."
 )
 _LARGEST = 2**20  # bytes of a file
 _KINDS = {bool: "true or false", int: "an integer", float: "a finite number", str: "a text"}
 
 
-def parse_with_file(options: type[T], prog: str, args: Sequence[str]) -> T:
+def parse_with_file(options: type[T], command: str, args: Sequence[str]) -> T:
     """Options of a command; ``--config FILE.yaml`` among the arguments changes the defaults.
 
-    The file's keys are the names of the flags, with underscores.
+    The file's keys are the names of the flags, with underscores. A recipe's file holds such a mapping
+    for each stage: the command's own counts.
+
+    Args:
+        options: The command's options.
+        command: Its name.
+        args: Its arguments.
 
     Raises:
         SnakeEnvError: The file can't be used, or an option.
     """
     words, files = _split(args)
+    prog = f"python -m train {command}"
     if not files:
         return parse(options, prog, words, about=_HELP)
     if len(files) > 1:
         raise InvalidInputError("config", files, "one file")
     given = read_yaml(Path(files[0]))
+    if isinstance(given.get(command), dict):
+        given = given[command]
     required = {
         field.name: tyro.MISSING
         for field in dataclasses.fields(options)  # type: ignore[arg-type]

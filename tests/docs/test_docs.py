@@ -93,7 +93,7 @@ def _parse(words: list[str]) -> Any:
         return _parser().parse_args(rest)
     if module == "train":
         options = importlib.import_module(f"train.{rest[0]}").Options
-        return parse_with_file(options, "python -m train", rest[1:])
+        return parse_with_file(options, rest[0], rest[1:])
     for name, options in (("compare", CompareOptions), ("solve", SolveOptions)):
         if rest[:1] == [name]:
             return parse(options, name, rest[1:])

@@ -107,6 +107,19 @@ def test_export__takes_a_file_too(tmp_path: Path) -> None:
     assert "RUN" in _refused(export.Options, f"--config={path}")
 
 
+def test_file_of_a_recipe__gives_each_command_its_own_options(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("expected: an hour\nppo: {gamma: 0.5}\ndqn: {gamma: 0.6}\n")
+    gammas = {
+        name: parse_with_file(options, name, ["--config", str(path)]).settings.gamma
+        for name, options in (("ppo", ppo.Options), ("dqn", dqn.Options))
+    }
+    assert gammas == {"ppo": 0.5, "dqn": 0.6}
+    path.write_text("ppo: {gama: 0.5}\n")
+    with pytest.raises(SnakeEnvError, match="unknown option in the config 'gama'"):
+        parse_with_file(ppo.Options, "ppo", ["--config", str(path)])
+
+
 @pytest.mark.parametrize("options", [ppo.Options, value.Options, export.Options])
 def test_help__names_it(options: Any, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):

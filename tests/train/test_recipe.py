@@ -26,7 +26,7 @@ from snake_env.sim.tasks import load_tasks
 from tests.support import HANGS_S
 from tests.support.commands import Command
 from train.__main__ import main
-from train.config import parse_with_file
+from train.config import parse_with_file, replaced
 from train.models import SOURCES
 from train.recipe import ORDER, RECIPES, STAGES, check
 from train.records import read_about
@@ -214,7 +214,7 @@ def test_table__is_what_evaluation_finds(finished: Path) -> None:
 
 
 @pytest.mark.parametrize("budget", ["quick", "full"])
-def test_budgets__have_options_for_every_stage(budget: str, tmp_path: Path) -> None:
+def test_budgets__have_options_for_every_stage(budget: str) -> None:
     file = RECIPES / f"{budget}.yaml"
     assert "python -m train recipe " in file.read_text()  # says how it is used
     stages = yaml.safe_load(file.read_text())
@@ -222,10 +222,9 @@ def test_budgets__have_options_for_every_stage(budget: str, tmp_path: Path) -> N
     assert list(stages) == [stage for stage in STAGES if stage != "models"]
     for stage, given in stages.items():
         options_of = importlib.import_module(f"train.{stage}").Options
-        given |= {"value": "v.safetensors"} if stage == "imitate" else {}
-        own = tmp_path / f"{stage}.yaml"
-        own.write_text(yaml.safe_dump(given))
-        options = parse_with_file(options_of, stage, ["--config", str(own)])
+        needed = ["--value", "v.safetensors"] if stage == "imitate" else []
+        options = parse_with_file(options_of, stage, ["--config", str(file), *needed])
+        assert options == replaced(options, given)
         check(options)
     sizes = {tuple(stages[stage]["hidden"]) for stage in ("imitate", "ppo", "dqn")}
     assert len(sizes) == 1  # PPO and DQN begin with the student
