@@ -29,7 +29,7 @@ INTEROP ?= sb3-contrib torchrl tianshou rllib
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup demo test browser test-interop check policies scratch results bench clean docs lock
+.PHONY: help setup demo test browser test-interop check policies seeds scratch results bench clean docs lock
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -89,10 +89,26 @@ scratch: .venv/.dev ## train PPO and DQN without a student, the reference of the
 		$(RUN) -m train $$algorithm --timesteps 1048576 --resume --out build/scratch/$$algorithm || exit; \
 	done
 
+# PPO and DQN from the students of make policies, seeds 1 and 2; the quick recipe, seeds 0 to 2.
+SEEDED ?= paper narrow
+seeds: .venv/.dev ## train paper and narrow with other seeds, after make policies (two hours)
+	@for robot in $(SEEDED); do \
+		from=build/policies/$$robot; critic=$$from/value/value.safetensors; \
+		for algorithm in ppo dqn; do \
+			more=; test $$algorithm = dqn || more="--init-critic $$critic"; \
+			$(RUN) -m train $$algorithm --config agents/recipes/full.yaml --preset $$robot \
+				--init $$from/imitate/last.safetensors --critic $$critic $$more \
+				--seed 1 --seeds 2 --resume --out build/seeds/$$algorithm-$$robot || exit; \
+		done; \
+		$(RUN) -m train recipe --preset $$robot --budget quick --seeds 3 --resume \
+			--out build/seeds/quick-$$robot || exit; \
+	done
+
 TRAINED = $(patsubst %/models/validation.json,%,$(wildcard build/policies/*/models/validation.json))
+SEEDS = $(patsubst %/run.json,%,$(wildcard build/seeds/*/run.json))
 SCRATCH = $(patsubst %/best.safetensors,%,$(wildcard build/scratch/*/best.safetensors))
 results: .venv/.dev ## write docs/results.md from docs/data; MEASURE=1 evaluates first (half an hour)
-	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run) \
+	@$(RUN) -m benchmarks.results $(if $(MEASURE),--run $(if $(SEEDS),--seeds $(SEEDS))) \
 		$(if $(TRAINED),--recipes $(TRAINED)) $(if $(SCRATCH),--scratch $(SCRATCH))
 
 bench: .venv/.dev ## measure speed

@@ -92,13 +92,12 @@ def collect_scratch(run: Path, robots: Collection[str]) -> dict[str, Any]:
         InvalidInputError: It is no such run, or damaged.
     """
     about = read_about(run, "scratch")
-    config, rows = about["config"], read_log(run / "log.csv")
+    config = about["config"]
     if about["algorithm"] not in LEARNERS or about["robot"] not in robots or config["init"]:
         found = f"{run}: {about['algorithm']} of {about['robot']}"
         expected = f"runs of train ppo or dqn without --init, of {', '.join(robots)}"
         raise InvalidInputError("scratch", found, expected)
-    if not rows or int(rows[-1]["timesteps"]) < config["timesteps"] or not rows[-1]["raw_success"]:
-        raise InvalidInputError("scratch", str(run), "a finished run (--resume finishes it)")
+    rows = _finished(run, config, "scratch")
     ends = [row for row in rows if row["frames_per_s"]]
     decisions = np.diff([0, *(int(row["timesteps"]) for row in ends)])
     seconds = decisions / [float(row["frames_per_s"]) for row in ends]
@@ -110,6 +109,46 @@ def collect_scratch(run: Path, robots: Collection[str]) -> dict[str, Any]:
         "count": config["validation_tasks"],
         **{key: float(rows[-1][key]) for key in (*_SHARES, "raw_time_s", "critic_time_s")},
     }
+
+
+def _finished(run: Path, config: Mapping[str, Any], field: str) -> list[dict[str, str]]:
+    """The log of a run of PPO or DQN, which ends with a validation."""
+    rows = read_log(run / "log.csv")
+    if not rows or int(rows[-1]["timesteps"]) < config["timesteps"] or not rows[-1]["raw_success"]:
+        raise InvalidInputError(field, str(run), "a finished run (--resume finishes it)")
+    return rows
+
+
+def collect_seed(run: Path, robots: Collection[str]) -> dict[str, Any]:
+    """What a finished recipe has made, or a finished run of PPO or DQN that began with a student.
+
+    Args:
+        run: Its folder.
+        robots: Those that there are results of.
+
+    Returns:
+        ``robot``; ``trained``: "recipe-quick", "recipe-full", or "learners"; ``seed``; ``git``;
+        ``models``: the files by learner, "ppo" and "dqn".
+
+    Raises:
+        InvalidInputError: It is no such run, or damaged.
+    """
+    about = read_about(run, "seeds")
+    algorithm, config = about["algorithm"], about["config"]
+    if about["robot"] in robots and algorithm in LEARNERS and config["init"]:
+        _finished(run, config, "seeds")
+        trained, models = "learners", {algorithm: run / "last.safetensors"}
+    elif about["robot"] in robots and algorithm in ("recipe-quick", "recipe-full"):
+        if not (run / "models" / TABLE).is_file():
+            raise InvalidInputError("seeds", str(run), "a finished recipe (--resume finishes it)")
+        trained = algorithm
+        models = {name: run / "models" / f"{name}.safetensors" for name in LEARNERS}
+    else:
+        found = f"{run}: {algorithm} of {about['robot']}"
+        expected = f"recipes, or runs of train ppo or dqn with --init, of {', '.join(robots)}"
+        raise InvalidInputError("seeds", found, expected)
+    about = {key: about[key] for key in ("robot", "git")}
+    return {**about, "trained": trained, "seed": config["seed"], "models": models}
 
 
 def draw(recipes: Mapping[str, Mapping[str, Any]], path: Path) -> None:

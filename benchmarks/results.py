@@ -11,6 +11,7 @@ import json
 import statistics
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from snake_env.errors import UnknownNameError
 from snake_env.kernel.compiler import vector_bits
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.policies.registry import CRITIC
 from snake_env.policies.value import shipped
 from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
@@ -79,6 +81,9 @@ class Options:
     """Folders of finished recipes: the page shows how they learned."""
     scratch: tuple[Path, ...] = ()
     """Folders of finished runs of train ppo and train dqn without --init, as a reference."""
+    seeds: tuple[Path, ...] = ()
+    """Folders of finished recipes of other seeds, or of runs of train ppo and train dqn that began
+    with a recipe's student: their models are evaluated."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -101,6 +106,8 @@ def main(args: list[str] | None = None) -> int:
     if options.scratch:
         runs = [learning.collect_scratch(folder, ROBOTS) for folder in options.scratch]
         write_atomically(DATA / "scratch.json", _text({"runs": runs}))
+    if options.seeds:
+        write_atomically(DATA / "seeds.json", _text({"runs": seeds(options.seeds)}))
     recipes = _recipes()
     if recipes:
         learning.draw(recipes, CURVES)
@@ -112,8 +119,7 @@ def main(args: list[str] | None = None) -> int:
 def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
     """What ``summary.json`` says of an evaluation, without what no table shows.
 
-    Of the learned policies those are evaluated that ship for the robot. An evaluation of a committed
-    revision that was interrupted continues.
+    Of the learned policies those are evaluated that ship for the robot.
     """
     params = SnakeParams.preset(evaluation.preset)
     ships = [
@@ -121,17 +127,54 @@ def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
         for policy in LEARNED
         if any(not params.differences(m.params) for m in shipped(policy.partition("+")[0]))
     ]
+    summary = _evaluate(name, evaluation, [*ships, *evaluation.more])
+    kept = ("policies", "comparisons", "tasks", "preset", "slip", "command", "git", "versions")
+    return {"processor": processor(), **{key: summary[key] for key in kept}}
+
+
+def _evaluate(name: str, evaluation: Evaluation, policies: Sequence[str], *more: str) -> Any:
+    """The summary of an evaluation; one of a committed revision that was interrupted continues."""
     source = revision() or "+"
     out = ROOT / "build" / "results" / source.rstrip("+") / name
     again = "--overwrite" if source.endswith("+") else "--resume"  # what has changed is run again
-    words = ["analytic", *ships, *evaluation.more, "--tasks", evaluation.tasks]
-    words += ["--preset", evaluation.preset, "--no-pictures", again, "--out", str(out)]
+    words = ["analytic", *policies, "--tasks", evaluation.tasks]
+    words += ["--preset", evaluation.preset, "--no-pictures", again, "--out", str(out), *more]
     if any(evaluation.slip):
         words += ["--slip", *map(str, evaluation.slip)]
     subprocess.run([sys.executable, "-m", "evaluate", *words], cwd=ROOT, check=True)
-    summary = read_json(out / "summary.json")
-    kept = ("policies", "comparisons", "tasks", "preset", "slip", "command", "git", "versions")
-    return {"processor": processor(), **{key: summary[key] for key in kept}}
+    return read_json(out / "summary.json")
+
+
+def seeds(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """How the models of other seeds do on the tasks of their robots.
+
+    Returns:
+        For each robot, way of training and seed: ``robot``, ``trained``, ``seed``, and of each policy,
+        as of "ppo+critic", ``success_rate`` and ``time_ratio``.
+    """
+    runs = [learning.collect_seed(folder.resolve(), ROBOTS) for folder in folders]
+    found: dict[Any, dict[str, Any]] = {}
+    for robot in ROBOTS:
+        files = {
+            (run["trained"], run["seed"], f"{learner}{suffix}"): f"{file}{suffix}"
+            for run in runs
+            if run["robot"] == robot
+            for learner, file in run["models"].items()
+            for suffix in ("", CRITIC)
+        }
+        if not files:
+            continue
+        summary = _evaluate(
+            f"seeds-{robot}", EVALUATIONS[robot], list(files.values()), "--no-latency"
+        )
+        for (trained, seed, policy), file in sorted(files.items()):
+            own = {"robot": robot, "trained": trained, "seed": seed, "policies": {}}
+            own = found.setdefault((robot, trained, seed), own)
+            own["policies"][policy] = {
+                "success_rate": summary["policies"][file]["success_rate"],
+                "time_ratio": (_against(summary, file) or {}).get("time_ratio"),
+            }
+    return list(found.values())
 
 
 def speeds() -> dict[str, Any]:
@@ -160,6 +203,7 @@ def page() -> str:
         "interval": interval,
         "num": _number,
         "estimate": _estimate,
+        "cell": _cell,
         "names": _names,
     }
     robots = {name: _data(name) for name in ROBOTS}
@@ -169,6 +213,7 @@ def page() -> str:
         speed=_data("speed"),
         recipes=_recipes(),
         scratch=(_data("scratch") or {"runs": []})["runs"],
+        seeds=(_data("seeds") or {"runs": []})["runs"],
         origins=_origins(),
         revisions=sorted(
             {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}
@@ -212,6 +257,11 @@ def _against(data: dict[str, Any], policy: str) -> dict[str, Any] | None:
 
 def _text(data: dict[str, Any]) -> str:
     return json.dumps(data, indent=1) + "\n"
+
+
+def _cell(share: float, time_ratio: dict[str, float] | None) -> str:
+    """Success [%], and the time against (21)'s."""
+    return f"{100 * share:.2f}, " + ("-" if time_ratio is None else f"{time_ratio['mean']:.3f}")
 
 
 def _number(value: float | None, digits: int = 1) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks import learning, results
-from benchmarks.learning import collect, collect_scratch
+from benchmarks.learning import collect, collect_scratch, collect_seed
 from evaluate.statistics import wilson95
 from snake_env.errors import InvalidInputError
 from train.recipe import ORDER
@@ -155,3 +155,47 @@ def test_run_with_a_student_or_without_an_end__is_no_reference(
     (scratch / "run.json").write_text(json.dumps(about))
     with pytest.raises(InvalidInputError, match=rf"scratch = .*{reason}"):
         collect_scratch(scratch, ["six"])
+
+
+def _about(folder: Path, algorithm: str, config: dict[str, Any]) -> None:
+    about = {"schema": 1, "algorithm": algorithm, "robot": "six", "git": "0123", "versions": {}}
+    config = {"params": {"n_joints": 6}, "seed": 2, **config}
+    folder.mkdir(exist_ok=True)
+    (folder / "run.json").write_text(json.dumps({**about, "command": "", "config": config}))
+
+
+def test_seed__is_a_recipe_or_a_run_that_began_with_a_student(scratch: Path) -> None:
+    _about(scratch, "ppo", {"init": "0a1b", "timesteps": 3000})
+    own = {"robot": "six", "git": "0123", "seed": 2}
+    assert collect_seed(scratch, ["six"]) == {
+        **own,
+        "trained": "learners",
+        "models": {"ppo": scratch / "last.safetensors"},
+    }
+    recipe = scratch.parent / "recipe"
+    _about(recipe, "recipe-quick", {})
+    with pytest.raises(InvalidInputError, match=r"seeds = .*a finished recipe"):
+        collect_seed(recipe, ["six"])
+    (recipe / "models").mkdir()
+    (recipe / "models" / "validation.json").write_text("{}")
+    models = {name: recipe / "models" / f"{name}.safetensors" for name in ("ppo", "dqn")}
+    assert collect_seed(recipe, ["six"]) == {**own, "trained": "recipe-quick", "models": models}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes", "reason"),
+    [
+        ("ppo", {"init": None, "timesteps": 3000}, "with --init"),
+        ("dqn", {"init": "0a1b", "timesteps": 4000}, "a finished run"),
+        ("value", {"init": None}, "recipes, or runs"),
+        ("recipe-own", {}, "recipes, or runs"),
+    ],
+)
+def test_other_runs__are_no_seeds(
+    scratch: Path, algorithm: str, changes: dict[str, Any], reason: str
+) -> None:
+    _about(scratch, algorithm, changes)
+    with pytest.raises(InvalidInputError, match=rf"seeds = .*{reason}"):
+        collect_seed(scratch, ["six"])
+    with pytest.raises(InvalidInputError, match="seeds = "):
+        collect_seed(scratch, ["paper"])
