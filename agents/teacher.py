@@ -156,7 +156,7 @@ def _of_student(
     params = shard.params
     chosen = preferred(states, student, params)
     prediction = predict_batch(states, chosen, params)
-    wrong = ~(prediction.feasible & (prediction.d_min >= params.d_touch))
+    wrong = ~prediction.executable(params)
     kept = wrong | (_drawn(shard, len(states), rng) & (_valid(states, params) > 1))
     rows = np.flatnonzero(kept)
     decisions = _labelled(states.take(rows), shard, rng, also=chosen[rows])

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import make_policy, staying
-from evaluate.protocol import SKID, Row
+from evaluate.protocol import Row, chooses_modes
 from evaluate.replay import floor_of, modes_of
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
@@ -54,7 +54,7 @@ def measure_latencies(
         turns = {
             name: _decide_again(name, own, suite, params, decision_timeout_s)
             for name, own in rows.items()
-            if name != SKID
+            if chooses_modes(name)
         }
         while turns:
             for name, decisions in list(turns.items()):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from evaluate.protocol import Row
-from evaluate.report.episodes import Choice, fastest_other, that_choose
+from evaluate.report.episodes import Choice, fastest_other, mode_choosing
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
 from snake_env.errors import InvalidInputError, printable
@@ -90,7 +90,7 @@ def _wanted(
         episodes = collect(policies, rows, params, suite)
         return first_simulation + [e for e in episodes if e.choice.group == "Typical"]
     wanted = []
-    choosing = that_choose(policies)
+    choosing = mode_choosing(policies)
     for name in dict.fromkeys(wish.split(",")):
         if name == SIM_1:
             wanted += first_simulation

@@ -15,8 +15,6 @@ from rich.text import Text
 from snake_env import interrupts
 from snake_env.errors import SnakeEnvError, escaped, printable
 
-CLOSED_PIPE = 141  # what a shell reports of a program that SIGPIPE ended
-
 
 class PlainConsole(Console):
     """Prints texts as they are: a name or a path is no markup, and a terminal obeys nothing in it."""
@@ -82,7 +80,7 @@ def _without_traceback(command: Callable[[], int]) -> int:
         return 2
     except BrokenPipeError:
         _forget_stdout()
-        return CLOSED_PIPE
+        return interrupts.CLOSED_PIPE
     except MemoryError as error:
         complain(f"error: not enough memory ({error or 'none is left'}): ask for less at once")
         return 1

@@ -54,7 +54,9 @@ def _command(arguments: list[str] | None) -> int:
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
-        return command(options)
+        code = command(options)
+        sys.stdout.flush()
+        return code
     except SnakeEnvError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -62,7 +64,7 @@ def _command(arguments: list[str] | None) -> int:
         return _interrupted()
     except BrokenPipeError:  # whoever read our output has seen enough
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
-        return 0
+        return interrupts.CLOSED_PIPE
 
 
 class _Parser(argparse.ArgumentParser):

@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 INTERRUPTED = 130  # what a shell reports of a program that SIGINT ended
+CLOSED_PIPE = 141  # ... that SIGPIPE ended
 _COMMANDS = {"snake_env", "evaluate", "train", "agents"}
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SAME_S = 0.05  # a terminal, make and a worker may all pass on the same Ctrl-C

@@ -1,5 +1,6 @@
 """``python -m snake_env``."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -73,6 +74,15 @@ def test_bad_input__is_one_line(
     assert error.startswith("error: ")
     assert error.count("\n") == 1
     assert hint in error
+
+
+def test_reader_that_goes__ends_the_command_quietly() -> None:
+    words = [sys.executable, "-m", "snake_env", "check"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(words, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.parametrize("command", ["snake_env", "evaluate", "train"])

@@ -9,35 +9,36 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from rich.console import Console
-from torch.utils.tensorboard import SummaryWriter
 
 from agents.checks import check_device, check_positive
 from agents.dqn import DQNLearner
 from agents.learner import Learner, segment_seed
 from agents.ppo import PPOLearner
+from harness.engine import Engine
 from harness.options import Assignments
 from harness.progress import progress
 from harness.provenance import command
 from harness.robot import Robot
-from snake_env.envs.reward import RewardWeights
-from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.networks.model_file import Model, write_model
-from snake_env.params import parse_overrides
+from snake_env.envs.core import checked_weights
+from snake_env.errors import InvalidInputError
+from snake_env.networks.model_file import Kind, Model, write_model
+from snake_env.params import SnakeParams, parse_overrides
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from snake_env.sim.warm_up import warm_up
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
 from train.given import read_checked
 from train.ground import Ground
+from train.log import RunLog
 from train.run import Run, RunFolder
-from train.validation import Validation, in_words, quality
+from train.validation import Validation, in_words
 from train.watch import Watch, stopping
 
 
@@ -73,22 +74,34 @@ class Loop:
         check_device(self.device)
         if self.tasks in FROZEN:
             raise InvalidInputError("tasks", self.tasks, "others: agents are compared on these")
-        known = [weight.name for weight in dataclasses.fields(RewardWeights)]
-        given = parse_overrides(self.reward)
-        for name in given:
-            if name not in known:
-                raise UnknownNameError("reward term", name, known)
-        return {**dataclasses.asdict(RewardWeights()), **given}
+        return dataclasses.asdict(checked_weights(parse_overrides(self.reward)))
+
+
+@dataclass(frozen=True)
+class LearnerOptions:
+    """What PPO and DQN have in common; each adds its settings."""
+
+    run: Run = field(default_factory=Run)
+    robot: Robot = field(default_factory=Robot)
+    engine: Engine = field(default_factory=Engine)
+    loop: Loop = field(default_factory=Loop)
+    ground: Ground = field(default_factory=Ground)
+    validation: Validation = field(default_factory=Validation)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Models that a run begins with; None: it begins without."""
+
+    init: Model | None
+    init_critic: Model | None
+    critic: Model | None
 
 
 def train(
     make: type[PPOLearner] | type[DQNLearner],
+    options: LearnerOptions,
     settings: Any,
-    run: Run,
-    robot: Robot,
-    loop: Loop,
-    ground: Ground,
-    validation: Validation,
     console: Console,
     *,
     init_critic: Path | None = None,
@@ -97,140 +110,146 @@ def train(
 
     Args:
         make: The learner.
-        settings: Its ``Settings``.
-        run: Where the run is kept.
-        robot: The robot's constants.
-        loop: How the run goes.
-        ground: How much the wheels slip.
-        validation: How it is validated.
+        options: The command's options.
+        settings: The learner's ``Settings``.
         console: Where progress is shown.
         init_critic: Model file of a value network that PPO's critic begins with.
 
     Returns:
         The best model's file.
     """
-    params, weights = robot.params(), loop.check()
-    settings.check()
-    ground.check()
-    validation.check()
-    begin, begin_critic, critic = (
-        None if file is None else run.own(file) for file in (loop.init, init_critic, loop.critic)
-    )
-    accept = {"transfer": robot.transfer}
-    student = None if begin is None else read_checked(begin, params, "policy", **accept)
-    value = None if begin_critic is None else read_checked(begin_critic, params, "value", **accept)
-    ranker = None if critic is None else read_checked(critic, params, "value", **accept)
-    suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
-    config = {
-        **dataclasses.asdict(settings),
-        **dataclasses.asdict(validation),
-        "init": student and student.sha256,
-        "init_critic": value and value.sha256,
-        "critic": ranker and ranker.sha256,
-        "reward": weights,
-        "tasks": suite and [len(suite), suite.sha256],
-        "segment": loop.segment,
-        "validate_every": loop.validate_every,
-        "device": loop.device,
-        "slip": ground.slip,
-        "seed": run.seed,
-        "params": dataclasses.asdict(params),
-    }
+    run, loop, params = options.run, options.loop, options.robot.params()
+    weights = loop.check()
+    for part in (options.engine, options.ground, options.validation, settings):
+        part.check()
+    given = _read(options, init_critic, params)
+    config = _config(options, settings, given, weights, params)
     from train.curves import draw_curves  # matplotlib takes a while to import
 
-    with RunFolder(run, make.name, robot, config) as folder:
+    with RunFolder(run, make.name, options.robot, config) as folder:
         torch.set_num_threads(1)
         warm_up(params)
-        env = SnakeVecEnv(
-            settings.num_envs,
-            mask_in_observation=True,
-            preset=robot.preset,
-            task_suite=loop.tasks,
-            slip=np.linspace(0.0, 2.0, settings.num_envs)[:, None] * ground.slip,
-            reward_weights={**weights, "gamma": settings.gamma},
-            **parse_overrides(robot.set),
-        )
-        learner = make(settings, env, run.seed, loop.device)
-        checkpoint, total, segment = folder.path / "checkpoint.pt", settings.timesteps, 0
-        if checkpoint.exists():
-            segment = _restore(learner, settings, loop.segment, folder.digest, checkpoint)
-        else:
-            if student is not None:
-                learner.begin(student.network)
-            if value is not None and isinstance(learner, PPOLearner):
-                learner.begin_critic(value.network)
+        learner = make(settings, _env(options, settings, weights), run.seed, loop.device)
+        total, segment = settings.timesteps, _begin(learner, settings, loop, given, folder)
         before = learner.model.num_timesteps
         if before >= total:
             console.print("this run is finished")
-        rows: list[dict[str, Any]] = [
-            row for row in folder.rows("timesteps") if int(row["timesteps"]) <= before
-        ]
+        log = RunLog(folder, make.name, before)
 
         def keep(**more: Any) -> Model:
             """Writes the model as it is: ``last.safetensors``."""
-            made = {
-                "command": command(),
-                "config": config,
-                "timesteps": learner.model.num_timesteps,
-                **more,
-            }
+            done = learner.model.num_timesteps
+            made = {"command": command(), "config": config, "timesteps": done, **more}
+            critic = given.critic or learner.critic(params)
             kept = Model(
                 "policy",
                 params,
                 learner.network(),
                 made,
-                ranker or learner.critic(params),
+                critic,
                 "both",
                 action_values=learner.action_values,
             )
             write_model(folder.path / "last.safetensors", kept)
             return kept
 
-        def note(decisions: int, figures: dict[str, Any]) -> None:
-            """Keeps the figures of an update, of a segment, or of a validation."""
-            if not rows or int(rows[-1]["timesteps"]) < decisions:
-                rows.append({"timesteps": decisions})
-            rows[-1] |= {name: round(value, 6) for name, value in figures.items()}
-            for name, value in figures.items():
-                board.add_scalar(f"{make.name}/{name}", float(value), decisions)
-
-        board = SummaryWriter(
-            str(folder.path / "tensorboard"), purge_step=before + 1 if before else None
-        )
         with stopping() as stop, progress(console, total, "decisions", before) as advance:
             while (before := learner.model.num_timesteps) < total and not stop.is_set():
                 began = time.monotonic()
-                watch = Watch(advance, make.name)
+                watch, seed = Watch(advance, make.name), segment_seed(run.seed, segment)
                 try:
-                    learner.learn(
-                        before + loop.segment, segment_seed(run.seed, segment), watch, note
-                    )
+                    learner.learn(before + loop.segment, seed, watch, log.note)
                 except KeyboardInterrupt:
                     keep()
                     raise
                 segment, now = segment + 1, learner.model.num_timesteps
                 rate = round((now - before) / (time.monotonic() - began))
-                note(now, {"frames_per_s": rate, **watch.figures()})
+                log.note(now, {"frames_per_s": rate, **watch.figures()})
                 keep()
                 if segment == 1 or segment % loop.validate_every == 0 or now >= total:
-                    found = validation(folder.path / "last.safetensors", params, ground.slip)
-                    note(now, found)
+                    last = folder.path / "last.safetensors"
+                    found = options.validation(last, params, options.ground.slip)
+                    log.note(now, found)
                     validated = keep(validation=found)  # nothing that depends on the machine
-                    known = [quality(row) for row in rows[:-1] if row.get("raw_success", "") != ""]
-                    if not known or quality(rows[-1]) > max(known):
+                    if log.is_best():
                         write_model(folder.path / "best.safetensors", validated)
-                    console.print(_line(make.name, rows[-1]), soft_wrap=True)
-                folder.write_rows(_same_columns(rows))
-                board.flush()  # what is in the checkpoint is there as well
+                    console.print(_line(make.name, log.rows[-1]), soft_wrap=True)
+                log.write()
                 state = {"run": folder.digest, "segment": segment, **learner.saved()}
-                save_checkpoint(checkpoint, state)
-        board.close()
+                save_checkpoint(folder.path / "checkpoint.pt", state)
+        log.close()
         draw_curves([folder.path], folder.path / "curve.png")
         if learner.model.num_timesteps < total:
             raise KeyboardInterrupt
         best = folder.path / "best.safetensors"
         console.print(f"best model: {best}", soft_wrap=True)
         return best
+
+
+def _read(options: LearnerOptions, init_critic: Path | None, params: SnakeParams) -> Given:
+    """The models that the options name."""
+
+    def read(file: Path | None, kind: Kind) -> Model | None:
+        if file is None:
+            return None
+        own = options.run.own(file)
+        return read_checked(own, params, kind, transfer=options.robot.transfer)
+
+    loop = options.loop
+    return Given(read(loop.init, "policy"), read(init_critic, "value"), read(loop.critic, "value"))
+
+
+def _config(
+    options: LearnerOptions,
+    settings: Any,
+    given: Given,
+    weights: dict[str, float],
+    params: SnakeParams,
+) -> dict[str, Any]:
+    """Everything that a run depends on: it is resumed with the same, and its models record it."""
+    loop = options.loop
+    suite = None if loop.tasks is None else load_tasks(loop.tasks, params)
+    return {
+        **dataclasses.asdict(settings),
+        **dataclasses.asdict(options.validation),
+        "init": given.init and given.init.sha256,
+        "init_critic": given.init_critic and given.init_critic.sha256,
+        "critic": given.critic and given.critic.sha256,
+        "reward": weights,
+        "tasks": suite and [len(suite), suite.sha256],
+        "segment": loop.segment,
+        "validate_every": loop.validate_every,
+        "device": loop.device,
+        "slip": options.ground.slip,
+        "seed": options.run.seed,
+        "params": dataclasses.asdict(params),
+    }
+
+
+def _env(options: LearnerOptions, settings: Any, weights: dict[str, float]) -> SnakeVecEnv:
+    """The environments that the learner acts in, each with its share of the slip."""
+    shares = np.linspace(0.0, 2.0, settings.num_envs)[:, None]
+    return SnakeVecEnv(
+        settings.num_envs,
+        mask_in_observation=True,
+        preset=options.robot.preset,
+        task_suite=options.loop.tasks,
+        slip=shares * options.ground.slip,
+        reward_weights={**weights, "gamma": settings.gamma},
+        **parse_overrides(options.robot.set),
+    )
+
+
+def _begin(learner: Learner, settings: Any, loop: Loop, given: Given, folder: RunFolder) -> int:
+    """Restores the checkpoint, or begins with the models that are given; the segments done."""
+    checkpoint = folder.path / "checkpoint.pt"
+    if checkpoint.exists():
+        return _restore(learner, settings, loop.segment, folder.digest, checkpoint)
+    if given.init is not None:
+        learner.begin(given.init.network)
+    if given.init_critic is not None and isinstance(learner, PPOLearner):
+        learner.begin_critic(given.init_critic.network)
+    return 0
 
 
 def _restore(learner: Learner, settings: Any, length: int, run: str, path: Path) -> int:
@@ -251,9 +270,3 @@ def _line(name: str, row: dict[str, Any]) -> str:
         f"{name}: {row['timesteps']} decisions, {row['frames_per_s']}/s: "
         f"{in_words(row)} with {row['critic_rollouts']:.2f} roll-outs a decision"
     )
-
-
-def _same_columns(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows with all columns that any has: validations are not in every one."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    return [{key: row.get(key, "") for key in columns} for row in rows]

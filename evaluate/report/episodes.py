@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from evaluate.protocol import SKID, Row
+from evaluate.protocol import Row, chooses_modes
 from snake_env.params import SnakeParams
 
 FAILURES_EACH = 4
@@ -47,16 +47,16 @@ def choose(
         params: The constants.
     """
     tables = {policy: {row["task"]: row for row in rows[policy]} for policy in policies}
-    choosing = that_choose(policies)
+    choosing = mode_choosing(policies)
     chosen: dict[int, Choice] = {}
     for choice in (*_typical(choosing, tables), *_failures(choosing, tables)):
         chosen.setdefault(choice.task, choice)
     return [*chosen.values(), *_disagreements(choosing, tables, params, set(chosen))]
 
 
-def that_choose(policies: Sequence[str]) -> list[str]:
+def mode_choosing(policies: Sequence[str]) -> list[str]:
     """The policies that choose modes; all where none does."""
-    return [policy for policy in policies if policy != SKID] or list(policies)
+    return [policy for policy in policies if chooses_modes(policy)] or list(policies)
 
 
 Tables = Mapping[str, Mapping[int, Row]]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluate.protocol import SKID, Row
+from evaluate.protocol import Row, chooses_modes
 from evaluate.replay import replay
 from snake_env.params import SnakeParams
 from snake_env.policies.skid import skid
@@ -50,7 +50,7 @@ def motion_of(row: Row, state: SnakeState, params: SnakeParams) -> Motion:
         state: Where it begins.
         params: The constants.
     """
-    if row["policy"] == SKID:
+    if not chooses_modes(row["policy"]):
         return _skidding(state, params)
     played = replay(row, state, params)
     end = played.states[-1]

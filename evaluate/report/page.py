@@ -14,10 +14,10 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from evaluate.protocol import SKID, Row
+from evaluate.protocol import Row, chooses_modes
 from evaluate.report import charts, paper_figures, svg
 from evaluate.report.charts import Entry
-from evaluate.report.episodes import that_choose
+from evaluate.report.episodes import mode_choosing
 from evaluate.report.findings import findings, headline
 from evaluate.report.formats import (
     constant,
@@ -54,12 +54,12 @@ def render(
         params: The constants.
         episodes: What to replay.
     """
-    reference = that_choose(policies)[0]
+    reference = mode_choosing(policies)[0]
     entries = [
         Entry(name, style, summary["policies"][name], _ratio(name, reference, rows, summary))
         for style, name in enumerate(policies)
     ]
-    compared = [entry for entry in entries if entry.name != SKID] or entries
+    compared = [entry for entry in entries if chooses_modes(entry.name)] or entries
     like_paper = is_papers(summary)
     replays = data(policies, episodes, params)
     environment = Environment(
@@ -79,13 +79,13 @@ def render(
         table=[_cells(entry) for entry in entries],
         like_paper=like_paper,
         paper_interval=interval(wilson95(*_PAPER_SUCCESS)),
-        has_skid=SKID in policies,
+        has_skid=not all(map(chooses_modes, policies)),
         has_latency=any(e.figures["decision_latency_us"]["p50"] is not None for e in entries),
         legend=[(entry.name, svg.key(entry.style)) for entry in compared],
         charts=_charts(compared, rows, like_paper),
         pairs=_pairs(summary),
         failures=_failures(policies, rows, params),
-        sides=("left", "right") if len(that_choose(policies)) > 1 else ("left",),
+        sides=("left", "right") if len(mode_choosing(policies)) > 1 else ("left",),
         replayed={episode["name"] for episode in replays["episodes"]},
         replays=_json(replays),
         frame_s=replays["robot"]["frame_s"],
@@ -129,11 +129,6 @@ def _ratio(
     return {"mean": sum(own[task] for task in common) / base} if base > 0 else None
 
 
-def _comparisons(summary: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    """The comparisons with the first policy that chooses modes."""
-    return summary.get("comparisons") or []
-
-
 def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     """The comparisons as rows of texts."""
     return [
@@ -149,7 +144,7 @@ def _pairs(summary: Mapping[str, Any]) -> list[dict[str, str]]:
             "restricted": estimate(comparison.get("restricted_time_difference_s"), 1),
             "improvement": estimate(comparison.get("probability_of_improvement"), 2),
         }
-        for comparison in _comparisons(summary)
+        for comparison in summary.get("comparisons") or ()
     ]
 
 
@@ -157,7 +152,7 @@ def _cells(entry: Entry) -> dict[str, Any]:
     """A row of the results table: texts."""
     figures, time = entry.figures, entry.figures["time_s"]
     latency = figures["decision_latency_us"]
-    ratio = (entry.ratio or {}).get("mean") if entry.name != SKID else None
+    ratio = (entry.ratio or {}).get("mean") if chooses_modes(entry.name) else None
     return {
         "name": entry.name,
         "success": f"{figures['success']}/{figures['n']}",
@@ -170,7 +165,7 @@ def _cells(entry: Entry) -> dict[str, Any]:
         "max_abs_phi": number(figures["max_abs_phi"], 3),
         "shape": number(figures["shape_error_rad"]["median"], 3),
         "head": number(1000.0 * figures["head_error_m"], 1),
-        "skids": entry.name == SKID,
+        "skids": not chooses_modes(entry.name),
         "rollouts": number(figures["rollouts_per_decision"], 1),
         "latency": [milliseconds(latency.get(key)) for key in ("p50", "p95")],
     }
@@ -238,16 +233,16 @@ def _figure_5(
     policies: Sequence[str], episodes: Sequence[Replayed], params: SnakeParams
 ) -> dict[str, Any] | None:
     """sim-1 by the first policy that chooses modes."""
-    choosing = [policy for policy in policies if policy != SKID]
+    policy = mode_choosing(policies)[0]
     found = [episode for episode in episodes if episode.name == SIM_1]
-    if not choosing or not found or not found[0].rows[choosing[0]]["modes"]:
+    if not found or not found[0].rows[policy]["modes"]:
         return None
-    row, state = found[0].rows[choosing[0]], found[0].state
+    row, state = found[0].rows[policy], found[0].state
     motion = motion_of(row, state, params)
     error = np.abs(motion.w - params.w_d)
     off, turned = np.hypot(error[:, 0], error[:, 1]).max(), error[:, 2].max()
     return {
-        "policy": choosing[0],
+        "policy": policy,
         "charts": paper_figures.figure_5(motion, state.target, params),
         "time": f"{row['time_s']:.0f}",
         "head": f"moves by at most {off:.1g} m and turns by at most {turned:.1g} rad"

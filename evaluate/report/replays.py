@@ -10,7 +10,7 @@ from typing import Any
 
 from evaluate.protocol import Row, Shard, run_shard
 from evaluate.replay import modes_of, slip_of
-from evaluate.report.episodes import Choice, choose, fastest_other, that_choose
+from evaluate.report.episodes import Choice, choose, fastest_other, mode_choosing
 from evaluate.report.motion import (
     QUANTUM,
     encode,
@@ -69,7 +69,7 @@ def sim_1(
         }
     except SnakeEnvError:
         return []
-    choosing = that_choose(list(rows))
+    choosing = mode_choosing(list(rows))
     choice = Choice(
         task=0,
         group="Typical",

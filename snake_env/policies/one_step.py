@@ -50,7 +50,7 @@ def best_mode(
         executable, turn = found.executable, found.turn
     else:
         prediction = predict(state, modes, params)
-        executable = prediction.feasible & (prediction.d_min >= params.d_touch)
+        executable = prediction.executable(params)
         turn = np.abs(prediction.phi - state.phi).max(axis=1)
     moving = executable & (turn >= CREEPING)
     leads = bool(moving.any())

@@ -95,7 +95,7 @@ def expand(
     prediction = predict_batch(begun, mode, params)
     ended = successors(begun, mode, prediction, params)
     tree = Expansion(parent, mode, ended, prediction.cost, rollouts=len(mode))
-    kept = prediction.feasible & (prediction.d_min >= params.d_touch)
+    kept = prediction.executable(params)
     return tree if kept.all() else tree.take(np.flatnonzero(kept))
 
 

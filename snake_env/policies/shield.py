@@ -59,5 +59,5 @@ class ShieldedPolicy:
         """The first of some modes that is feasible and lets no links touch; None where none is."""
         prediction = predict(state, candidates, self._params)
         self._spent += len(candidates)
-        good = prediction.feasible & (prediction.d_min >= self._params.d_touch)
+        good = prediction.executable(self._params)
         return int(candidates[good.argmax()]) if good.any() else None

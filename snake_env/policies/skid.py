@@ -56,12 +56,13 @@ def skid(state: SnakeState, params: SnakeParams) -> tuple[EpisodeSummary, FloatA
         reached = bool(np.abs(state.target - phi).max() < 1e-9)
     error = np.array(path) - params.w_d
     duration = (len(path) - 1) * params.dt
+    outcome = "collision" if closest < params.d_touch else "success" if reached else "horizon"
     summary = EpisodeSummary(
-        outcome="collision" if closest < params.d_touch else "success" if reached else "horizon",
+        outcome=outcome,
         intervals=int(np.ceil(duration / params.delta_t)),
         time_s=duration,
         shape_error_rad=float(np.abs(state.target - phi).max()),
-        phase=params.n_joints + 1,
+        phase=params.n_joints + 1 if outcome == "success" else state.phase,
         cost_integral=float("nan"),
         d_min=closest,
         max_abs_phi=largest,

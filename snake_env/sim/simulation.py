@@ -71,6 +71,10 @@ class Prediction:
     def __len__(self) -> int:
         return len(self.j)
 
+    def executable(self, params: SnakeParams) -> NDArray[np.bool_]:
+        """Which lanes are feasible and let no links touch, shape (M,)."""
+        return self.feasible & (self.d_min >= params.d_touch)
+
     def take(self, indices: IntArray) -> Prediction:
         """The lanes at the given positions."""
         fields = dataclasses.fields(self)
