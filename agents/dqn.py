@@ -97,32 +97,32 @@ class Settings:
     hidden: tuple[int, ...] = (384, 384, 192)
     """Sizes of the hidden layers."""
     num_envs: int = 256
-    """Robots side by side."""
+    """Parallel environments."""
     buffer_size: int = 300_000
     """Decisions in the replay buffer."""
     learning_starts: int = 20_000
     """Decisions before the first update."""
     n_steps: int = 4
-    """Decisions of each robot between two rounds of updates."""
+    """Steps per environment between two rounds of updates."""
     gradient_steps: int = 16
-    """Gradient steps in a round of updates."""
+    """Gradient steps per round of updates."""
     batch_size: int = 512
-    """Decisions in a gradient step."""
+    """Decisions per gradient step."""
     target_update: int = 8_192
     """Decisions between two updates of the target network."""
     learning_rate: float = 3e-4
     """Learning rate of Adam at the beginning; falls to a twentieth of it by the end."""
     gamma: float = 0.995
-    """Discount for an interval."""
+    """Discount factor per interval."""
     exploration: float = 0.2
-    """Share of random choices at the beginning."""
+    """Initial epsilon: share of random choices."""
     exploration_end: float = 0.01
-    """Share of random choices after the first half."""
+    """Final epsilon, reached after half of the decisions."""
     anchor: float = 10.0
-    """Weight of staying close to the action values of --init, beside the Bellman error."""
+    """Weight of the penalty on leaving the action values of --init."""
     ema_rate: float = 1.0
-    """Share of the newest weights, after each round of updates, in the running mean that is validated
-    and kept; 1: the newest weights alone."""
+    """EMA rate of the weights per round of updates. The average is validated and saved; 1: no
+    averaging."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""

@@ -48,17 +48,17 @@ class Fit:
     last_epochs: int = 8
     """Passes in the last round."""
     batch_size: int = 1024
-    """Decisions in a gradient step."""
+    """Decisions per gradient step."""
     learning_rate: float = 3e-3
     """Learning rate of Muon, and of Adam for biases; falls to a hundredth of it in each round."""
     weight_decay: float = 0.2
-    """Weight decay of Muon: without it, labels are learned by heart."""
+    """Weight decay of Muon; it prevents overfitting."""
     cross_entropy: float = 1.0
-    """Weight of the cross-entropy beside the expected regret."""
+    """Weight of the cross-entropy, which is added to the expected regret."""
     values: float = 10.0
-    """Weight of the action values' error beside it."""
+    """Weight of the action-value loss."""
     violation: float = 100.0
-    """Regret of an infeasible mode, and the largest of a feasible one [intervals]."""
+    """Regret of infeasible modes, and cap for feasible ones [intervals]."""
     device: str = "cpu"
     """Where the network is fitted: cpu, or cuda."""
 
@@ -104,7 +104,7 @@ def read_datasets(run: Path) -> list[Dataset]:
             arrays = read_arrays(path, "observations", "cost", most=_LARGEST)
             observations, cost = arrays["observations"], arrays["cost"]
             if observations.ndim != 2 or cost.ndim != 2 or len(observations) != len(cost):
-                raise ArrayFileError("its arrays do not fit each other")
+                raise ArrayFileError("its arrays have inconsistent lengths")
         except ArrayFileError as error:
             expected = f"undamaged labels ({error}; --overwrite begins again)"
             raise InvalidInputError("labels", str(path), expected) from None

@@ -41,28 +41,28 @@ class Settings:
     critic_hidden: tuple[int, ...] = (256, 256, 128)
     """Sizes of the critic's hidden layers."""
     num_envs: int = 512
-    """Robots side by side."""
+    """Parallel environments."""
     n_steps: int = 32
-    """Decisions of each robot between two updates."""
+    """Steps per environment between two updates."""
     batch_size: int = 2048
-    """Decisions in a gradient step."""
+    """Decisions per gradient step."""
     n_epochs: int = 4
     """Passes over the decisions in an update."""
     learning_rate: float = 3e-4
     """Learning rate of Adam at the beginning; falls to a twentieth of it by the end."""
     clip_range: float = 0.2
-    """Clipping of the policy's ratio."""
+    """PPO clip range."""
     entropy: float = 0.003
-    """Weight of the entropy."""
+    """Entropy coefficient."""
     gamma: float = 0.995
-    """Discount for an interval."""
+    """Discount factor per interval."""
     gae_lambda: float = 0.95
-    """Decay of the generalised advantage estimate."""
+    """Lambda of generalised advantage estimation."""
     critic_warmup: int = 0
-    """Decisions at the beginning from which only the critic learns: of use after --init."""
+    """Decisions at the start that train only the critic; useful with --init."""
     ema_rate: float = 1.0
-    """Share of the actor's newest weights, after each update, in the running mean that is validated and
-    kept; 1: the newest weights alone."""
+    """EMA rate of the actor's weights per update. The average is validated and saved; 1: no
+    averaging."""
 
     def check(self) -> None:
         """Raises InvalidInputError where a value can't be used."""

@@ -71,7 +71,7 @@ ROBOTS = tuple(name for name in EVALUATIONS if name != "experiment")
 
 @dataclass(frozen=True)
 class Options:
-    """Write docs/results.md from the figures in docs/data, or find these first."""
+    """Write docs/results.md from the figures in docs/data; --run measures them first."""
 
     run: bool = False
     """Evaluate the shipped policies and measure the speeds: about half an hour on two cores."""

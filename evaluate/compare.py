@@ -35,7 +35,7 @@ _PACKED_AT_ONCE = 1000  # rows
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """Compare finished runs on the same tasks, all policies with the first of the first folder."""
+    """Compare finished runs on the same tasks; the baseline is the first folder's first policy."""
 
     folders: Annotated[
         tuple[Path, ...],
@@ -44,7 +44,7 @@ class CompareOptions:
     ]
     """Result folders of python -m evaluate."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for the report.html, summary.json and episodes.csv of all policies together."""
+    """Folder for the combined report.html, summary.json and episodes.csv."""
     overwrite: bool = False
     """Replace the results in --out."""
 
@@ -59,7 +59,7 @@ class CompareOptions:
         if self.out is not None and self.out.resolve() in times:
             raise InvalidInputError("out", str(self.out), "none of the folders that are compared")
         if self.out is None and self.overwrite:
-            raise InvalidInputError("out", None, "a folder, to go with --overwrite")
+            raise InvalidInputError("out", None, "a folder: --overwrite requires --out")
 
 
 def compare_folders(options: CompareOptions, console: Console) -> int:

@@ -133,7 +133,7 @@ def signed_rank(differences: FloatArray) -> float | None:
     """P-value of Wilcoxon's signed-rank test; None where nothing differs.
 
     Tasks without a difference are left out here, not by SciPy: beside one of them it takes the normal
-    approximation however few the others are, and calls five of five established.
+    approximation however few the others are, and calls five of five significant.
     """
     differing = differences[differences != 0.0]
     return float(wilcoxon(differing).pvalue) if len(differing) else None
@@ -191,7 +191,7 @@ def profile(results: Results) -> dict[str, list[float]]:
 
 
 def sentence(entry: Mapping[str, Any], *, corrected: bool) -> str:
-    """A comparison in words: each difference with the figures that decide whether it is established.
+    """A comparison in words: each difference with the figures that decide whether it is significant.
 
     In success it is where McNemar's p is below 0.05; in time where the 95 % interval of the mean
     difference, which is shown, excludes 0. Other figures of the entry do not count.
@@ -211,8 +211,8 @@ def _success_clause(entry: Mapping[str, Any], method: str) -> str:
     if entry["only_reference"] == entry["only_policy"] == 0:
         return f"{solved}, the same as {reference}"
     p = _p_value(entry["mcnemar_p_holm"])
-    established = entry["mcnemar_p_holm"] < ALPHA
-    verdict = "" if established else "no difference is established, "
+    significant = entry["mcnemar_p_holm"] < ALPHA
+    verdict = "" if significant else "no significant difference, "
     return f"{solved}, {reference} {others:,} ({verdict}{p}{method})"
 
 
@@ -224,7 +224,7 @@ def _time_clause(entry: Mapping[str, Any]) -> str:
     if entry["wilcoxon_p"] is None:
         return f"as fast {where}"
     if difference is None or common < LEAST_TASKS:
-        return f"no difference in time is established {where}"
+        return f"no significant difference in time {where}"
     mean, low, high = (difference[key] for key in ("mean", "low", "high"))
     if low > 0 or high < 0:
         more = "slower" if low > 0 else "faster"
@@ -232,7 +232,7 @@ def _time_clause(entry: Mapping[str, Any]) -> str:
         span = f"{_seconds(least)} to {_seconds(most)} s"
         return f"{_seconds(abs(mean))} s {more} {where} (95 % CI {span})"
     span = f"{low:+.1f} to {high:+.1f} s"
-    return f"no difference in time is established {where} ({mean:+.1f} s, 95 % CI {span})"
+    return f"no significant difference in time {where} ({mean:+.1f} s, 95 % CI {span})"
 
 
 def _seconds(time_s: float) -> str:

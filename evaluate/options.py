@@ -35,13 +35,12 @@ class Options:
         tyro.conf.Positional,
         tyro.conf.arg(metavar="POLICY...", help_behavior_hint=""),
     ]
-    """Names, for example analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid (all
-    joints at once, wheels skidding), model files, or folders of runs of train; +shield checks a
-    policy's choices, +critic simulates eight; options follow a colon: lookahead:width=16. The first
-    is what the others are compared with."""
+    """Names (analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid), model files, or
+    run folders of python -m train. +shield simulates each choice before it is executed, +critic
+    simulates the eight preferred modes. Options follow a colon: lookahead:width=16. The first policy
+    is the baseline."""
     policy: Factories = ()
-    """Your own policy: a module that Python finds, and a factory in it that is called with the
-    constants; may be repeated."""
+    """Your own policy; the factory is called with the robot's constants. May be repeated."""
     tasks: str = "paper-500"
     """paper-500, validation-2k, test-2k, test-10k, sim-1, random:N[:SEED], or FILE.npz with arrays phi0
     and target of shape (N, n)."""
@@ -50,31 +49,30 @@ class Options:
     set: Assignments = ()
     """Replaces a constant of the preset, for example --set a_c=67; may be repeated."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for report.html, summary.json, episodes.csv, pictures: nothing is written without it."""
+    """Folder for report.html, summary.json, episodes.csv and pictures. Default: only print."""
     overwrite: bool = False
     """Replace the results in --out."""
     resume: bool = False
     """Continue the interrupted run in --out."""
     decision_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
-    """A decision that takes longer ends its episode with the outcome error."""
+    """Time limit for a decision. A slower one ends the episode with the outcome error."""
     slip: tuple[float, float] = NO_SLIP
-    """How much the wheels slip (section VI): standard deviations of the head's place [m] and heading
-    [rad] after each interval, for example 0.002 0.01; the same slips for every policy."""
+    """Wheel slip (section VI): standard deviations of the head's position [m] and heading [rad] per
+    interval, for example 0.002 0.01. Every policy gets the same samples."""
     no_latency: bool = False
-    """Do not measure how long decisions take: then repeated runs write the same summary.json."""
+    """Do not time decisions. summary.json is then the same, byte for byte, in repeated runs."""
     no_pictures: bool = False
     """Only write summary.json and episodes.csv."""
     video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
-    """Also write videos into --out, the first policy beside the fastest other: of these tasks (sim-1 or
-    numbers), or default: sim-1, the median task, the slowest. MP4 with the extra video, else GIF."""
+    """Write videos of these tasks (sim-1 or numbers; default: sim-1, the median and the slowest task).
+    Each shows the first policy beside the fastest other one. MP4 with the extra video, else GIF."""
     format: Format = "text"
-    """How the tables are printed: text, md (Markdown), latex or csv; the last three alone, so that they
-    can go to a file."""
+    """Format of the tables: text, md (Markdown), latex or csv. The last three print nothing else."""
     engine: Engine = field(default_factory=Engine)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All policies: the first is what the others are compared with."""
+        """All policies: the first is the baseline."""
         return (*self.policies, *self.policy)
 
     @property

@@ -119,5 +119,5 @@ def _sentence(name: str, entry: Mapping[str, Any]) -> str:
         return text
     mean, low, high = (100 * difference[key] for key in ("mean", "low", "high"))
     text += f"; on average {mean:+.2f} points against {entry['reference']}"
-    verdict = "" if low > 0 or high < 0 else ", no difference is established"
+    verdict = "" if low > 0 or high < 0 else ", no significant difference"
     return f"{text} (95 % CI over seeds and tasks {low:+.2f} to {high:+.2f}{verdict})"

@@ -42,11 +42,11 @@ class SolveOptions:
     tasks: str = "paper-500"
     """A suite of tasks, as for evaluate."""
     budget: int = 100_000
-    """Model roll-outs for each task; (21) needs about 400."""
+    """Roll-outs per task; analytic needs about 400."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for plans.csv; default: runs/solve- and the suite."""
     improve: Annotated[Path | None, tyro.conf.arg(metavar="CSV")] = None
-    """Plans to begin with: the plans.csv of another search of the same tasks."""
+    """Initial plans: the plans.csv of another search of the same tasks."""
     resume: bool = False
     """Continue the interrupted search in the folder."""
     overwrite: bool = False

@@ -82,7 +82,9 @@ def _without_traceback(command: Callable[[], int]) -> int:
         _forget_stdout()
         return interrupts.CLOSED_PIPE
     except MemoryError as error:
-        complain(f"error: not enough memory ({error or 'none is left'}): ask for less at once")
+        complain(
+            f"error: out of memory ({error or 'none is left'}): use fewer workers or smaller batches"
+        )
         return 1
     except OSError as error:
         _forget_stdout()

@@ -61,11 +61,11 @@ class Engine:
     """What runs the work. A shard's result does not depend on it."""
 
     engine: Literal["local", "ray"] = "local"
-    """Processes of this machine, or a Ray cluster."""
+    """local: processes on this machine; ray: a Ray cluster."""
     address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT")] = None
-    """A Ray cluster that runs already; auto: the one of this machine; default: starts one."""
+    """Address of a running Ray cluster; auto: the one of this machine. Default: start one."""
     workers: int = -1
-    """Processes; -1: one for each core; 1: the command's own."""
+    """Worker processes; -1: one per core; 1: no extra process."""
 
     def check(self) -> None:
         """Finds out whether the options can be used, before there is work to lose.
@@ -80,7 +80,7 @@ class Engine:
             raise InvalidInputError("workers", self.workers, expected)
         if self.engine == "local":
             if self.address is not None:
-                raise InvalidInputError("address", self.address, "--engine ray to go with it")
+                raise InvalidInputError("address", self.address, "none without --engine ray")
             return
         if importlib.util.find_spec("ray") is None:
             raise MissingDependencyError("--engine ray needs Ray: pip install snake-mode-env[ray]")

@@ -36,7 +36,7 @@ _LISTED = 15
 _NOTHING = "no mode is feasible"
 _HELP = """\
   a number    that mode           5 7 8 up    the mode that lifts these rear wheels
-  a           what (21) advises   l           the cheapest modes
+  a           optimiser's choice  l           the cheapest modes
   q           quit                ?           this help"""
 
 
@@ -95,7 +95,11 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--task", type=int, default=0, help="row of the suite (0)")
         command.add_argument("--preset", default="paper", help="any of: " + ", ".join(PRESETS))
         command.add_argument(
-            "--set", action="append", default=[], metavar="NAME=VALUE", help="another constant"
+            "--set",
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help="change a constant of the robot",
         )
     return parser
 
@@ -136,9 +140,9 @@ def _check(options: argparse.Namespace) -> int:
         *(("joblib", "evaluate"), ("stable_baselines3", "train")),
     ):
         found = importlib.util.find_spec(module) is not None
-        hint = "found" if found else f"not there: pip install snake-mode-env[{extra}]"
+        hint = "found" if found else f"not installed: pip install snake-mode-env[{extra}]"
         print(f"optional {module}: {hint}")
-    print("all well" if solved else "FAILED: sim-1 went another way")
+    print("all checks passed" if solved else "FAILED: sim-1 took a different time")
     return 0 if solved else 1
 
 

@@ -14,7 +14,7 @@ from tests.support import ROOT
 
 def test_check__finds_this_installation_well(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check"]) == 0
-    assert capsys.readouterr().out.rstrip().endswith("all well")
+    assert capsys.readouterr().out.rstrip().endswith("all checks passed")
 
 
 def test_gif__shows_the_episode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,16 +17,16 @@ from train.run import Run
 
 GROUPS = {
     "everything for a robot": {
-        "recipe": "all stages below in a row, from random weights: begin here",
+        "recipe": "all stages for one robot (start here)",
     },
-    "agents": {
-        "ppo": "a policy by proximal policy optimisation, from scratch or from a student",
-        "dqn": "action values by deep Q-learning, from scratch or from a student",
-        "imitate": "a student, from what a value network says about every mode",
+    "stages": {
+        "value": "a value network: teacher, critic, and guide of the planner",
+        "ppo": "a policy by PPO, from scratch or from a student",
+        "dqn": "a policy by DQN, from scratch or from a student",
+        "imitate": "a student, by imitation of one-step lookahead with a value network",
     },
     "tools": {
-        "value": "value networks: the teacher of students, the critic, the planner's guide",
-        "export": "put the models of a recipe or a run into the package",
+        "export": "copy the models of a recipe or a run into the package",
     },
 }
 """What can be trained or made, by what it is for."""
@@ -37,7 +37,7 @@ COMMANDS = {name: what for group in GROUPS.values() for name, what in group.item
 def main(args: list[str] | None = None) -> int:
     """Runs the command; its exit code."""
     words = sys.argv[1:] if args is None else args
-    return exit_code(lambda: _command(words), "interrupted: what is finished is kept")
+    return exit_code(lambda: _command(words), "interrupted; finished work is saved")
 
 
 def _command(words: list[str]) -> int:

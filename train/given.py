@@ -19,6 +19,6 @@ def read_checked(file: Path, params: SnakeParams, kind: Kind, *, transfer: bool)
     model = read_model(file)
     model.check(params, kind, transfer=transfer)
     if model.images == "given" or model.network.activation != "relu":
-        expected = "a model of python -m train: with ReLU, and asked about mirror images"
+        expected = "a model of python -m train (ReLU, mirror-symmetric)"
         raise InvalidInputError("model", str(file), expected)
     return model

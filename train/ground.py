@@ -12,8 +12,8 @@ class Ground:
     """The ground that the robots learn on."""
 
     slip: tuple[float, float] = NO_SLIP
-    """How much the wheels slip: standard deviations of the head's place [m] and heading [rad] after
-    each interval, for example 0.001 0.005. Each episode slips by its own share, from none to twice."""
+    """Wheel slip: standard deviations of the head's position [m] and heading [rad] per interval, for
+    example 0.001 0.005. Each episode scales it by a factor from 0 to 2."""
 
     def check(self) -> None:
         """Raises InvalidInputError where the slip can't be used."""

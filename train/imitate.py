@@ -35,15 +35,15 @@ _ROUNDS = ("rounds", "decisions", "overweight")  # how they are collected
 
 @dataclass(frozen=True)
 class Options:
-    """Learn which mode is cheap from a teacher that knows what each would cost (DAgger).
+    """Imitate a teacher that computes the cost of every mode (DAgger).
 
     Round by round the student plays random tasks, the teacher labels the modes of the states on the
     way, and the student is fitted to all labels so far.
     """
 
     value: Path
-    """Model file of the value network that the teacher trusts, as train value makes it; {seed} stands
-    for the run's seed. It becomes part of the model, where +critic ranks by it."""
+    """Model file of the teacher's value network, as train value writes it; {seed} is replaced by the
+    run's seed. It is stored in the model and used by +critic."""
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
@@ -55,8 +55,8 @@ class Options:
     decisions: int = 131_072
     """Decisions that are labelled in each round, in parts of 2048."""
     overweight: float = 16.0
-    """States in which the student's choice is infeasible are kept this many times as often as others;
-    the first round, in which the teacher plays, keeps all."""
+    """Oversampling factor of states in which the student's choice is infeasible. The first round, in
+    which the teacher plays, keeps all states."""
 
     def check(self) -> SnakeParams:
         """The constants that the options ask for.

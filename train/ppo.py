@@ -17,8 +17,8 @@ class Options(rl.LearnerOptions):
 
     settings: ppo.Settings = field(default_factory=ppo.Settings)
     init_critic: Path | None = None
-    """Model file of a value network that the critic begins with, as train value makes it; {seed} stands
-    for the run's seed. Default: random weights."""
+    """Initial critic: a model file of train value; {seed} is replaced by the run's seed. Default:
+    random weights."""
 
 
 def train(options: Options, console: Console) -> Path:

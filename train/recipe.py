@@ -27,17 +27,17 @@ from train.validation import check_count
 
 RECIPES = Path(__file__).parent.parent / "agents" / "recipes"
 STAGES = {
-    "value": "what a state is worth, by policy iteration",
-    "imitate": "a student, taught what every mode would cost",
-    "ppo": "the student, improved by its own experience",
-    "dqn": "the student's action values, improved likewise",
-    "models": "what comes of it, on tasks of validation-2k",
+    "value": "a value network, by policy iteration",
+    "imitate": "a student, by imitation",
+    "ppo": "the student, fine-tuned by PPO",
+    "dqn": "the student, fine-tuned by DQN",
+    "models": "comparison on validation-2k",
 }
 """The stages and what they make."""
 ORDER = (("value",), ("imitate",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
 EXPECTED = "expected"
-"""A text in a recipe that says how long it takes and what comes of it."""
+"""A text in a recipe that says how long it takes and how good its policies are."""
 LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "*.csv", "*.log", *STAGES))
 """What the folder of a recipe holds: a folder for each stage."""
 
@@ -54,10 +54,10 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     ground: Ground = field(default_factory=Ground)
     budget: Annotated[str, tyro.conf.arg(metavar="quick|full|FILE.yaml")] = "quick"
-    """quick: 15 minutes on two fast cores. full: an hour; what ships. Or a file with the options of
-    each stage, as those of these two in agents/recipes/."""
+    """quick: 15 minutes on two fast cores; full: an hour, as for the pretrained models; or a YAML file
+    like those in agents/recipes/."""
     tasks: int = 500
-    """Tasks of validation-2k on which the policies are compared at the end."""
+    """Tasks of validation-2k for the final comparison."""
 
 
 def train(options: Options, console: Console) -> Path:

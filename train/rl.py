@@ -47,16 +47,15 @@ class Loop:
     """How the run goes."""
 
     init: Path | None = None
-    """Model file to begin with, as train imitate makes it; {seed} stands for the run's seed. Default:
+    """Initial model, for example of train imitate; {seed} is replaced by the run's seed. Default:
     random weights."""
     critic: Path | None = None
-    """Model file of the value network by which +critic ranks what the policy's favourites lead to; it
-    becomes part of the model. Default: what PPO's critic learns, or DQN's action values."""
+    """Model file of the value network that +critic uses; it is stored in the model. Default: PPO's own
+    critic, or DQN's action values."""
     reward: Assignments = ()
-    """Replaces a weight of the reward, for example --reward time=-0.05; may be repeated."""
+    """Replaces a weight of the reward, for example --reward time=-0.05. May be repeated."""
     tasks: str | None = None
-    """Suite of tasks to learn from, as in python -m evaluate --tasks; default: random tasks without
-    end."""
+    """Suite of tasks to learn from, as in python -m evaluate --tasks. Default: random tasks."""
     segment: int = 131_072
     """Decisions between two checkpoints."""
     validate_every: int = 4
@@ -73,7 +72,9 @@ class Loop:
         check_positive(self, "segment", "validate_every")
         check_device(self.device)
         if self.tasks in FROZEN:
-            raise InvalidInputError("tasks", self.tasks, "others: agents are compared on these")
+            raise InvalidInputError(
+                "tasks", self.tasks, "tasks that are not held out: these are for comparisons"
+            )
         return dataclasses.asdict(checked_weights(parse_overrides(self.reward)))
 
 

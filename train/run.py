@@ -32,14 +32,14 @@ class Run:
     """Where the run is kept."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """The run's folder; default: runs/ and a name made of the algorithm, the robot and the seed."""
+    """Run folder. Default: runs/ALGORITHM-ROBOT-sSEED."""
     seed: int = 0
-    """Seed of everything random."""
+    """Random seed."""
     seeds: int = 1
-    """Number of runs, with this seed and the next ones, side by side: their folders end in -s0, -s1,
-    ..., and that of the spread in -seeds."""
+    """Number of consecutive seeds, trained in parallel. Their folders end in -s0, -s1, ..., that of the
+    learning curves of all in -seeds."""
     resume: bool = False
-    """Continue the interrupted run in the folder; where there is none, begin one."""
+    """Continue the interrupted run in the folder; without one, start it."""
     overwrite: bool = False
     """Replace the run in the folder."""
 

@@ -29,7 +29,7 @@ class Validation:
     """How a policy is validated while it learns."""
 
     validation_tasks: int = 500
-    """Tasks of validation-2k that it is tried on, raw and with its critic."""
+    """Number of validation-2k tasks per validation, raw and with +critic."""
 
     def check(self) -> None:
         """Raises InvalidInputError where the number can't be used."""

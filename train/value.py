@@ -34,7 +34,7 @@ _PART = 256  # episodes that a worker plays side by side
 
 @dataclass(frozen=True)
 class Options:
-    """Learn how many intervals a state still needs: the guide of the planner.
+    """Learn the cost-to-go of a state in intervals: teacher, critic, and guide of the planner.
 
     Each generation plays random tasks by the present value, after some exploration, and fits the next
     one to the returns.
@@ -46,18 +46,17 @@ class Options:
     ground: Ground = field(default_factory=Ground)
     fit: Fit = field(default_factory=Fit)
     init: Path | None = None
-    """Model file that plays the first generation, and whose weights are fitted further where it has
-    these hidden layers; {seed} stands for the run's seed. Default: the potential of the reward plays
-    it."""
+    """Model file that plays the first generation, and whose weights are trained further if it has the
+    same hidden layers; {seed} is replaced by the run's seed. Default: the reward's potential plays."""
     generations: int = 20
     """Rounds of playing and fitting."""
     episodes: int = 8192
-    """Random tasks that are played in each."""
+    """Episodes per generation, on random tasks."""
     trace_decay: float = 0.7
-    """Lambda of TD(lambda), after the generations of --exact: less than 1 trusts the present value for
-    what lies further ahead, and what is learned from scatters less."""
+    """Lambda of TD(lambda), after the generations of --exact. Below 1 the targets bootstrap from the
+    current value, which reduces their variance."""
     exact: int = 4
-    """Generations at the beginning that learn from exact returns, as no value can be trusted yet."""
+    """First generations, which are trained on full Monte Carlo returns."""
     window: int = 5
     """Generations whose returns the network is fitted to."""
 
@@ -195,7 +194,7 @@ def _returns(path: Path, generation: int) -> tuple[np.ndarray, np.ndarray]:
         if arrays["observations"].ndim != 2 or len(arrays["observations"]) != len(
             arrays["intervals"]
         ):
-            raise ArrayFileError("its arrays do not fit each other")
+            raise ArrayFileError("its arrays have inconsistent lengths")
     except ArrayFileError as error:
         expected = f"undamaged returns ({error}; --overwrite begins again)"
         raise InvalidInputError("returns", str(file), expected) from None

@@ -48,7 +48,7 @@ def stopping() -> Iterator[threading.Event]:
         if stop.is_set():
             raise KeyboardInterrupt
         stop.set()
-        print("\nstopping after this segment (again: at once)", flush=True)
+        print("\nstopping after this segment (press Ctrl-C again to stop now)", flush=True)
 
     if threading.current_thread() is not threading.main_thread():
         yield stop

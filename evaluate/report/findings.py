@@ -11,7 +11,7 @@ from evaluate.report.formats import interval, number
 
 
 def headline(entries: Sequence[Entry], summary: Mapping[str, Any]) -> str:
-    """The comparison with the largest established effect, with what a decision costs.
+    """The comparison with the largest significant effect, with what a decision costs.
 
     Success counts first, then time. Without comparisons: how the first policy does.
     """
@@ -36,10 +36,10 @@ def findings(summary: Mapping[str, Any]) -> list[str]:
 def _effect(comparison: Mapping[str, Any]) -> tuple[float, float]:
     """How much a comparison establishes: tasks more, then seconds less; what is worse comes last."""
     tasks = comparison["only_policy"] - comparison["only_reference"]
-    established = comparison["mcnemar_p_holm"] < ALPHA
+    significant = comparison["mcnemar_p_holm"] < ALPHA
     time = comparison["time_difference_s"]
     surely = time is not None and (time["low"] > 0.0 or time["high"] < 0.0)
-    return tasks if established else 0.0, -time["mean"] if surely else 0.0
+    return tasks if significant else 0.0, -time["mean"] if surely else 0.0
 
 
 def _alone(entry: Entry) -> str:

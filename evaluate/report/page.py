@@ -179,13 +179,13 @@ def _charts(
     paper = (hits / tasks, *wilson95(hits, tasks)) if like_paper else None
     first = entries[0].name
     made = [
-        ("Who solves more", "Success rate with its 95 % Wilson interval.",
+        ("Success rate", "Success rate with its 95 % Wilson interval.",
          charts.success_chart(entries, paper)),
-        ("Who is done first", "Share of the tasks solved within a time: higher is better.",
+        ("Tasks solved over time", "Share of the tasks solved within a time: higher is better.",
          charts.profile_chart(entries, rows)),
     ]  # fmt: skip
     if len(entries) > 1:  # one policy would be one point
-        made.append(("What a decision costs the model",
+        made.append(("Success against roll-outs",
                      "Success against model roll-outs per decision.",
                      charts.rollouts_chart(entries)))  # fmt: skip
         if any(entry.figures["decision_latency_us"]["p50"] is not None for entry in entries):
@@ -193,12 +193,10 @@ def _charts(
                 "Success against the 95th percentile of the time per decision, on this machine."
             )
             clock = charts.latency_chart(entries, like_paper)
-            made.append(("What a decision costs the clock", caption, clock))
+            made.append(("Success against decision time", caption, clock))
         caption = f"Mean time over that of {first}, on the tasks that both solve"
-        made.insert(
-            1, ("How long it takes", f"{caption}: left is better.", charts.ratio_chart(entries))
-        )
-        made.append(("What time costs", f"{caption}, against roll-outs: low is better.",
+        made.insert(1, ("Mean time", f"{caption}: left is better.", charts.ratio_chart(entries)))
+        made.append(("Mean time against roll-outs", f"{caption}, against roll-outs: low is better.",
                      charts.time_cost_chart(entries)))  # fmt: skip
     return [{"title": title, "caption": caption, "svg": chart} for title, caption, chart in made]
 

@@ -61,7 +61,9 @@ class EnvOptions:
         """
         if "max_episode_steps" in params:
             given = params["max_episode_steps"]
-            raise InvalidInputError("max_episode_steps", given, f"horizon={given} in its place")
+            raise InvalidInputError(
+                "max_episode_steps", given, f"none; use horizon={given} instead"
+            )
         constants = SnakeParams.preset(preset, **params)
         if not isinstance(no_repeat, bool):
             raise InvalidInputError("no_repeat", no_repeat, "True or False")

@@ -198,10 +198,10 @@ def test_prose__is_plain(page: Path) -> None:
 def test_prose__has_short_lines_and_sentences(page: Path) -> None:
     text = re.sub(r"^```.*?^```", "", _text(page), flags=re.S | re.M)
     for line in text.splitlines():
-        assert len(line) <= 120 or line.startswith("|"), line
+        assert len(line) <= 100 or line.startswith("|"), line
     for sentence in re.split(r"(?<=[.:;?])\s|\n\n", _prose(page)):
         words = [word for word in sentence.split() if re.search(r"\w", word)]
-        assert len(words) <= 30, sentence
+        assert len(words) <= 25, sentence
 
 
 def test_prose__names_no_registry() -> None:

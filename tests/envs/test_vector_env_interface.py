@@ -49,7 +49,7 @@ def test_attribute__that_no_robot_has_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("steps", [1, 50])
 def test_max_episode_steps__points_to_horizon(steps: int) -> None:
-    with pytest.raises(InvalidInputError, match=rf"expected horizon={steps} in its place$"):
+    with pytest.raises(InvalidInputError, match=rf"expected none; use horizon={steps} instead$"):
         gymnasium.make_vec(ID, num_envs=2, max_episode_steps=steps)
     with pytest.raises(InvalidInputError, match="horizon"):
         SnakeModeSelectionEnv(max_episode_steps=steps)

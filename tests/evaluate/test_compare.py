@@ -260,7 +260,7 @@ def test_damaged_folder__is_refused_in_one_line(
         ("", r"DIR = \(\): expected at least one result folder"),
         ("a a", r"DIR = .*a': expected each folder once"),
         ("a missing", r"DIR = .*missing': expected a result folder"),
-        ("a b --overwrite", r"out = None: expected a folder, to go with --overwrite"),
+        ("a b --overwrite", r"out = None: expected a folder: --overwrite requires --out"),
         ("a b --out b", r"out = .*b': expected none of the folders that are compared"),
     ],
 )

@@ -201,9 +201,7 @@ def test_one_task__has_no_intervals() -> None:
     entry = _compare([30.0], [27.0])
     assert all(entry[key] is None for key in INTERVALS)
     assert (entry["mcnemar_p"], entry["wilcoxon_p"]) == (1.0, 1.0)
-    assert entry["sentence"].endswith(
-        "; no difference in time is established on the one both solve"
-    )
+    assert entry["sentence"].endswith("; no significant difference in time on the one both solve")
 
 
 def test_no_common_task__has_no_times() -> None:
@@ -213,7 +211,7 @@ def test_no_common_task__has_no_times() -> None:
         assert entry[key] is None
     assert entry["restricted_time_difference_s"]["mean"] == 0.0
     assert entry["sentence"] == (
-        "ppo solves 2 of 4 tasks, analytic 2 (no difference is established, p = 1); "
+        "ppo solves 2 of 4 tasks, analytic 2 (no significant difference, p = 1); "
         "no task is solved by both"
     )
 
@@ -236,12 +234,12 @@ def test_noise__establishes_nothing() -> None:
     first, second = (rng.integers(8, 30, 300) * 3.0 for _ in range(2))
     entry = _compare(first.tolist(), second.tolist())
     assert entry["time_difference_s"]["low"] < 0 < entry["time_difference_s"]["high"]
-    assert "no difference in time is established" in entry["sentence"]
+    assert "no significant difference in time" in entry["sentence"]
 
 
 def test_few_equal_differences__establish_nothing() -> None:
     """Their bootstrap interval is a point, but the signed-rank test can't tell."""
-    assert "no difference in time is established" in _compare([30.0] * 3, [27.0] * 3)["sentence"]
+    assert "no significant difference in time" in _compare([30.0] * 3, [27.0] * 3)["sentence"]
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -253,10 +251,10 @@ def test_time_sentence__says_what_its_interval_says(seed: int, shift: float) -> 
     second = np.maximum(first + shift + rng.exponential(3.0, 60) - 3.0, 1.0)
     entry = _compare(first.tolist(), second.tolist())
     interval, told = entry["time_difference_s"], entry["sentence"].split("; ")[1]
-    established = interval["low"] > 0 or interval["high"] < 0
-    assert ("no difference in time" not in told) == established
+    significant = interval["low"] > 0 or interval["high"] < 0
+    assert ("no difference in time" not in told) == significant
     low, high = map(float, re.search(r"CI (\S+) to (\S+) s\)", told).groups())
-    assert (low > 0 or high < 0) == established  # so it looks
+    assert (low > 0 or high < 0) == significant  # so it looks
 
 
 def test_skewed_times__are_judged_by_the_interval_that_is_shown() -> None:
@@ -376,7 +374,7 @@ def test_seeds__have_a_best_a_median_and_a_worst() -> None:
     assert entry["reference"] == "analytic"
     assert entry["success_difference"]["mean"] == pytest.approx(8 / 12 - 0.75)
     assert "3 seeds of runs/ppo-s*/best.safetensors solve 100.00 % (best)" in entry["sentence"]
-    assert "no difference is established" in entry["sentence"]
+    assert "no significant difference" in entry["sentence"]
     json.dumps(entry, allow_nan=False)
 
 

@@ -279,7 +279,7 @@ def test_one_policy__has_one_wide_replay_and_no_chart_of_a_single_point() -> Non
     page = page_of({"analytic": rows_of("analytic")})
     assert page.count('data-side="') == page.count('data-traces="') == 1
     assert 'class="sides single"' in page
-    assert "What a decision costs" not in page
+    assert "Success against" not in page
     assert "Two policies" not in page
     for name in (
         "skid",
@@ -289,7 +289,7 @@ def test_one_policy__has_one_wide_replay_and_no_chart_of_a_single_point() -> Non
         assert beside_skid.count('data-side="') == 1  # skid is no other policy to compare with
     both = page_of({name: rows_of(name) for name in ("analytic", "random")})
     assert both.count('data-side="') == both.count('data-traces="') == 2
-    assert "What a decision costs the model" in both
+    assert "Success against roll-outs" in both
 
 
 def test_models__are_told_by_the_hashes_of_their_files() -> None:

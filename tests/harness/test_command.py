@@ -143,5 +143,5 @@ def test_lack_of_memory__is_one_line(capsys: Any) -> None:
 
     assert exit_code(command) == 1
     assert capsys.readouterr().err == (
-        "error: not enough memory (Unable to allocate 3.6 TiB): ask for less at once\n"
+        "error: out of memory (Unable to allocate 3.6 TiB): use fewer workers or smaller batches\n"
     )

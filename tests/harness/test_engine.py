@@ -178,7 +178,7 @@ def test_unwanted_results__leave_no_workers(engine: Engine) -> None:
     [
         ({"workers": 0}, "workers = 0: expected a positive number, or -1 for all cores"),
         ({"workers": -2}, "workers = -2: expected a positive number, or -1 for all cores"),
-        ({"address": "auto"}, "address = 'auto': expected --engine ray to go with it"),
+        ({"address": "auto"}, "address = 'auto': expected none without --engine ray"),
     ],
 )
 def test_bad_options__are_refused(options: dict[str, Any], message: str) -> None:

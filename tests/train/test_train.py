@@ -84,7 +84,7 @@ BAD = {
     "value --hidden": r"hidden",
     "value --seed -1": r"seed = -1: expected an integer from 0",
     "value --overwrite --resume": r"^overwrite = True: expected one of --overwrite and --resume$",
-    "value --address here": r"^address = 'here': expected --engine ray to go with it$",
+    "value --address here": r"^address = 'here': expected none without --engine ray$",
 }
 
 
@@ -256,7 +256,7 @@ def test_value__that_is_interrupted_resumes_as_if_nothing_had_happened(
     after: int, learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     TRAIN.interrupt(after, *VALUE, tmp_path)
-    assert capsys.readouterr().err == "interrupted: what is finished is kept\n"
+    assert capsys.readouterr().err == "interrupted; finished work is saved\n"
     assert not (tmp_path / "value.safetensors").exists()
     with pytest.MonkeyPatch.context() as patch:
         engine = Interrupted(2 - after)
