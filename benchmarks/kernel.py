@@ -125,7 +125,9 @@ def _runner(kernel: Kernel, state: SnakeState, params: SnakeParams) -> Callable[
 def ratios(state: SnakeState, params: SnakeParams) -> tuple[list[str], list[list[str]]]:
     """The kernel on full blocks, lane by lane, and the equations on plain floats."""
     modes = _modes(params)
-    wide, narrow = get_kernel(8, True, block_width()), get_kernel(8, True, 1)
+    wide, narrow = (
+        get_kernel(params.n_joints, params.head_contact, lanes) for lanes in (block_width(), 1)
+    )
     run_wide, run_narrow = _runner(wide, state, params), _runner(narrow, state, params)
 
     def floats() -> None:
@@ -201,7 +203,12 @@ def scaling() -> tuple[list[str], list[list[str]]]:
         (times,) = timed(one, repeats=2 if n > 12 else 5)
         each = min(times)
         rows.append(
-            [str(n), str(len(modes)), f"{1e3 * each:.2f}", f"{1e9 * each / len(modes) / 150:.0f}"]
+            [
+                str(n),
+                str(len(modes)),
+                f"{1e3 * each:.2f}",
+                f"{1e9 * each / len(modes) / params.n_steps:.0f}",
+            ]
         )
     return ["n_joints", "modes", "all modes [ms]", "ns per mode-sub-step"], rows
 

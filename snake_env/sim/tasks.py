@@ -54,15 +54,9 @@ FROZEN = {
 Each has a seed of its own, so they share no task. Nothing is ever trained or tuned on ``test-2k`` and
 ``test-10k``.
 """
-SUITES = {
-    "paper-500": "500 random tasks as in section V of the paper: random:500:0, frozen",
-    "validation-2k": "2000 random tasks to choose between agents with: random:2000:7002000, frozen",
-    "test-2k": "2000 random tasks for the last word on robots other than paper: random:2000:7012000",
-    "test-10k": "10,000 random tasks for the last word: random:10000:7010000, frozen",
-    "sim-1": "simulation number 1 of the paper, Fig. 5",
-    "random:N[:SEED]": "N random tasks from a seed (default 0)",
-    "FILE.npz": "your own: arrays phi0 (N, n) and target (N, n) [rad]",
-}
+SUITES = (*FROZEN, "sim-1", "random:N[:SEED]", "FILE.npz")
+"""What :func:`load_tasks` knows: the frozen suites, the paper's first simulation (Fig. 5), random
+tasks, and files."""
 
 _AT_A_TIME = 1000
 """Tasks of a suite that are drawn together: a source of random numbers takes two kilobytes."""

@@ -252,7 +252,7 @@ def test_time_sentence__says_what_its_interval_says(seed: int, shift: float) -> 
     entry = _compare(first.tolist(), second.tolist())
     interval, told = entry["time_difference_s"], entry["sentence"].split("; ")[1]
     significant = interval["low"] > 0 or interval["high"] < 0
-    assert ("no difference in time" not in told) == significant
+    assert ("no significant difference in time" not in told) == significant
     low, high = map(float, re.search(r"CI (\S+) to (\S+) s\)", told).groups())
     assert (low > 0 or high < 0) == significant  # so it looks
 
