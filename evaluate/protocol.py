@@ -46,6 +46,7 @@ COLUMNS = (
 
 
 _LONGEST_ERROR = 300  # characters: every row carries one
+_MOST_ROLLOUTS = 2**53
 
 
 @dataclass(frozen=True)
@@ -161,9 +162,12 @@ def run_episode(
     floor = Floor(slip, seed, params)
     modes: list[int] = []
     error = ""
-    rollouts_before = _rollouts(policy)
+    rollouts_before = 0
     try:
+        rollouts_before = _rollouts(policy)
         within(decision_timeout_s, policy.reset, seed)
+        if _rollouts(policy) < rollouts_before:  # it counts each episode by itself
+            rollouts_before = 0
         while not episode.outcome:
             mode = within(decision_timeout_s, policy.select_mode, state)
             after, prediction = floor.advance(state, mode)
@@ -178,6 +182,8 @@ def run_episode(
         error = _told(problem)
     try:
         rollouts = _rollouts(policy) - rollouts_before
+        if rollouts < 0:
+            raise ValueError(f"rollouts fell by {-rollouts} in the episode")
     except Exception as problem:
         episode.end("error")
         error, rollouts = error or _told(problem), 0
@@ -193,8 +199,9 @@ def run_episode(
 
 def _rollouts(policy: Policy) -> int:
     rollouts = as_integer(policy.rollouts)
-    if rollouts is None:
-        raise TypeError(f"rollouts is {policy.rollouts!r}, not an integer")
+    if rollouts is None or not 0 <= rollouts <= _MOST_ROLLOUTS:
+        expected = f"an integer, 0 to {_MOST_ROLLOUTS}"
+        raise InvalidInputError("rollouts", policy.rollouts, expected)
     return rollouts
 
 

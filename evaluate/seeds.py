@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluate.comparison import ALPHA, RESAMPLES, SEED, FloatArray, Interval, Results
+from evaluate.comparison import ALPHA, LEAST_TASKS, RESAMPLES, SEED, FloatArray, Interval, Results
 
 # ... but not in the folder that a comparison adds to a name: that is one policy, evaluated twice.
 _SEED_OF_RUN = re.compile(r"-s\d+(?=/)(?![^(]*\)$)")
@@ -40,7 +40,7 @@ def seed_entries(results: Mapping[str, Results]) -> dict[str, Any]:
         entry = _entry(own)
         if reference not in members:
             entry |= _against(reference, results[reference], own)
-        entry["sentence"] = _sentence(name, entry)
+        entry["sentence"] = _sentence(name, entry, len(results[reference]))
         entries[name] = entry
     return entries
 
@@ -108,7 +108,7 @@ def _against(reference: str, first: Results, results: Mapping[str, Results]) -> 
     }
 
 
-def _sentence(name: str, entry: Mapping[str, Any]) -> str:
+def _sentence(name: str, entry: Mapping[str, Any], tasks: int) -> str:
     rates = [f"{100 * entry[which]['success_rate']:.2f} %" for which in ("best", "median", "worst")]
     text = (
         f"{len(entry['policies'])} seeds of {name} solve {rates[0]} (best), {rates[1]} (median) and "
@@ -119,5 +119,6 @@ def _sentence(name: str, entry: Mapping[str, Any]) -> str:
         return text
     mean, low, high = (100 * difference[key] for key in ("mean", "low", "high"))
     text += f"; on average {mean:+.2f} points against {entry['reference']}"
-    verdict = "" if low > 0 or high < 0 else ", no significant difference"
+    surely = (low > 0 or high < 0) and tasks >= LEAST_TASKS
+    verdict = "" if surely else ", no significant difference"
     return f"{text} (95 % CI over seeds and tasks {low:+.2f} to {high:+.2f}{verdict})"

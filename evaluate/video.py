@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from evaluate.protocol import Row
 from evaluate.report.episodes import Choice, fastest_other, mode_choosing
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
+from harness.files import replacing
 from snake_env.errors import InvalidInputError, printable
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import INK
@@ -182,16 +183,42 @@ def _frame(painter: Painter, sides: Mapping[str, Sequence[Scene]], k: int) -> Im
 def _save_gif(frames: Iterator[Image.Image], count: int, path: Path) -> None:
     durations = [1000 // FRAMES_PER_SECOND] * (count - 1) + [round(1000 * _LAST_S)]
     first = next(frames)
-    first.save(path, save_all=True, append_images=frames, duration=durations, loop=0)
+    more: dict[str, Any] = {"append_images": frames, "duration": durations, "loop": 0}
+    with replacing(path) as file:
+        first.save(file, "GIF", save_all=True, **more)
 
 
 def _save_mp4(frames: Iterable[Image.Image], size: tuple[int, int], path: Path) -> None:
     import imageio_ffmpeg
 
-    writer = imageio_ffmpeg.write_frames(str(path), size, fps=FRAMES_PER_SECOND, macro_block_size=2)
-    writer.send(None)  # starts it
-    for frame in frames:
-        writer.send(pixels := frame.tobytes())
-    for _ in range(round(_LAST_S * FRAMES_PER_SECOND)):
-        writer.send(pixels)
-    writer.close()
+    with replacing(path) as file:
+        writer = imageio_ffmpeg.write_frames(
+            file.name,
+            size,
+            fps=FRAMES_PER_SECOND,
+            macro_block_size=2,
+            ffmpeg_log_level="quiet",
+            output_params=["-f", "mp4"],
+        )
+        writer.send(None)  # starts it
+        count = 0
+        for frame in frames:
+            writer.send(pixels := frame.tobytes())
+            count += 1
+        for _ in range(round(_LAST_S * FRAMES_PER_SECOND)):
+            writer.send(pixels)
+            count += 1
+        writer.close()
+        if _frames_in(file.name) != count:  # it does not tell that the disk is full
+            raise OSError(f"{path} could not be written (is the disk full?)")
+
+
+def _frames_in(file: str) -> int:
+    """How many frames a video holds; 0 where it is damaged."""
+    import imageio_ffmpeg
+
+    try:
+        count, _ = imageio_ffmpeg.count_frames_and_secs(file)
+    except RuntimeError:
+        return 0
+    return int(count)

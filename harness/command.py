@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import os
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -61,7 +58,7 @@ def exit_code(command: Callable[[], int], interrupted: str = "interrupted") -> i
         The command's own exit code; 2: it was given something that it can't use; 1: the system refused
         something; 130: interrupted; 141: whoever read the output has gone.
     """
-    _open_streams()
+    interrupts.open_streams()
 
     def on_interrupt() -> int:
         complain(interrupted)
@@ -79,7 +76,7 @@ def _without_traceback(command: Callable[[], int]) -> int:
         complain(f"error: {error}")
         return 2
     except BrokenPipeError:
-        _forget_stdout()
+        interrupts.forget_stdout()
         return interrupts.CLOSED_PIPE
     except MemoryError as error:
         complain(
@@ -87,25 +84,6 @@ def _without_traceback(command: Callable[[], int]) -> int:
         )
         return 1
     except OSError as error:
-        _forget_stdout()
+        interrupts.forget_stdout()
         complain(f"error: {error}")
         return 1
-
-
-def _open_streams() -> None:
-    """Gives a command that was started without standard streams (``>&-``) some that lead nowhere.
-
-    Otherwise the next file that is opened would take their numbers, and what is printed would go there.
-    """
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # whatever the terminal's alphabet is
-
-
-def _forget_stdout() -> None:
-    """Lets what can't be printed any more vanish; Python would try it once more at its end."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

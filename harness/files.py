@@ -84,7 +84,7 @@ def _refuse(constant: str) -> NoReturn:
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Writes a file so that a reader sees the old one or the whole new one."""
     data = content.encode() if isinstance(content, str) else content
-    with _replacing(path) as file:
+    with replacing(path) as file:
         file.write(data)
 
 
@@ -92,14 +92,15 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 def atomic_writer(path: Path) -> Iterator[TextIO]:
     """A text file to write to, which takes the place of the old one when it is complete."""
     with (
-        _replacing(path) as file,
+        replacing(path) as file,
         io.TextIOWrapper(file, encoding="utf-8", newline="") as text,
     ):
         yield text
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[IO[bytes]]:
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write to, which takes the place of the old one when it is complete."""
     file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
         "wb", dir=path.parent, delete=False
     )

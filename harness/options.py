@@ -7,13 +7,14 @@ import dataclasses
 import inspect
 import io
 import re
+import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import docstring_parser
 import tyro
 
-from snake_env.errors import SnakeEnvError
+from snake_env.errors import InvalidInputError, SnakeEnvError
 
 Assignments = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE")]
@@ -41,7 +42,11 @@ def parse(
 
     Raises:
         OptionError: An option does not exist or its value has the wrong type.
+        InvalidInputError: A word is no text.
     """
+    for word in sys.argv[1:] if args is None else args:
+        if not word.isprintable() and any("\ud800" <= each <= "\udfff" for each in word):
+            raise InvalidInputError("argument", word, "text in UTF-8")
     _join_lines(options)
     complaint = io.StringIO()
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import os
 import platform
 import sys
 import time
@@ -19,7 +18,7 @@ from gymnasium.utils.env_checker import check_env
 
 from snake_env import VERSION, interrupts
 from snake_env.envs.env import SnakeModeSelectionEnv
-from snake_env.errors import InvalidInputError, SnakeEnvError
+from snake_env.errors import InvalidInputError, SnakeEnvError, printable
 from snake_env.kernel.compiler import cache_folder
 from snake_env.modes import ModeTable, mode_table
 from snake_env.params import PRESETS, SnakeParams, parse_overrides
@@ -42,6 +41,7 @@ _HELP = """\
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; its exit code."""
+    interrupts.open_streams()
     return interrupts.guarded(lambda: _command(arguments), _interrupted)
 
 
@@ -63,8 +63,12 @@ def _command(arguments: list[str] | None) -> int:
     except EOFError:
         return _interrupted()
     except BrokenPipeError:  # whoever read our output has seen enough
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+        interrupts.forget_stdout()
         return interrupts.CLOSED_PIPE
+    except OSError as error:
+        interrupts.forget_stdout()
+        print(f"error: {printable(str(error))}", file=sys.stderr)
+        return 1
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,4 +1,6 @@
-"""Ctrl-C and SIGTERM from a command's first import to its last line: one line, exit code 130.
+"""What can happen to a command from its first import to its last line, and its exit code.
+
+Ctrl-C and SIGTERM end it with one line and 130; standard streams may be closed.
 
 This module imports nothing heavy, as it comes before everything else.
 """
@@ -6,6 +8,7 @@ This module imports nothing heavy, as it comes before everything else.
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import sys
@@ -116,3 +119,22 @@ def _install(handler: Any, *numbers: int) -> None:
     if threading.current_thread() is threading.main_thread():
         for number in numbers or _SIGNALS:
             signal.signal(number, handler)
+
+
+def open_streams() -> None:
+    """Gives a command that was started without standard streams (``>&-``) some that lead nowhere.
+
+    Otherwise the next file that is opened would take their numbers, and what is printed would go there.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # whatever the terminal's alphabet is
+
+
+def forget_stdout() -> None:
+    """Lets what can't be printed any more vanish; Python would try it once more at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

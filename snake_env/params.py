@@ -184,9 +184,11 @@ def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
     Raises:
         InvalidInputError: A text has another form.
     """
-    pairs = {}
+    pairs: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
+        if name in pairs:
+            raise InvalidInputError("set", assignment, f"{name} only once")
         listed = f"[{text}]" if "," in text and "[" not in text else text
         try:
             pairs[name] = json.loads(listed.lower())

@@ -137,12 +137,7 @@ class StateBatch:
         fields: dict[str, Any] = {}
         for name in _FIELDS:
             value = getattr(self, name)[k]
-            if isinstance(value, np.ndarray):
-                value = value.copy()
-                value.setflags(write=False)
-            else:
-                value = value.item()
-            fields[name] = value
+            fields[name] = _frozen(value) if isinstance(value, np.ndarray) else value.item()
         return SnakeState(**fields)
 
     @classmethod
@@ -213,10 +208,16 @@ def remade(instance: Any) -> tuple[Any, ...]:
     return type(instance), tuple(values)
 
 
+def _frozen(array: FloatArray) -> FloatArray:
+    """A copy that nobody can make writable: its memory is that of a bytes object."""
+    if array.size == 0:
+        return read_only(array.copy())
+    return np.frombuffer(array.tobytes(), dtype=np.float64).reshape(array.shape)
+
+
 def _is_frozen(array: NDArray[Any]) -> bool:
-    """Whether it is an array of numbers of its own that nobody can write to."""
-    flags = array.flags
-    return array.dtype == np.float64 and flags.owndata and not flags.writeable
+    """Whether it is what :func:`_frozen` gives for one dimension."""
+    return isinstance(array.base, bytes) and array.dtype == np.float64 and array.ndim == 1
 
 
 def _frozen_copy(field: str, given: Any) -> FloatArray:
@@ -232,8 +233,7 @@ def _frozen_copy(field: str, given: Any) -> FloatArray:
         numbers = None
     if numbers is None:
         raise InvalidInputError(field, given, "an array of numbers")
-    numbers.setflags(write=False)
-    return numbers
+    return _frozen(numbers)
 
 
 def checked_shape(field: str, shape: ArrayLike, params: SnakeParams) -> FloatArray:

@@ -91,3 +91,20 @@ def test_version__is_told_by_every_command(command: str) -> None:
         [sys.executable, "-m", command, "--version"], cwd=ROOT, capture_output=True, text=True
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "snake-mode-env 0.1.0\n", "")
+
+
+@pytest.mark.parametrize("words", [["check"], ["play"]])
+def test_full_disk_behind_stdout__is_told_in_one_line(words: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "snake_env", *words],
+            cwd=ROOT, stdin=subprocess.DEVNULL, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == "error: [Errno 28] No space left on device\n"
+
+
+def test_play__without_standard_streams_ends_quietly() -> None:
+    command = f"{sys.executable} -m snake_env play <&- >&-"
+    done = subprocess.run(["sh", "-c", command], cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (130, "")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.params import SnakeParams
+from snake_env.params import SnakeParams, parse_overrides
 from tests.support.robots import PAPER
 
 FIELDS = {field.name: field.default for field in dataclasses.fields(SnakeParams)}
@@ -154,3 +154,8 @@ def _assert_refused(name: str, value: object) -> None:
     assert message.startswith(f"{name} = ")
     assert "expected" in message
     assert "\n" not in message
+
+
+def test_constant_that_is_given_twice__is_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"^set = 'a_c=2': expected a_c only once$"):
+        parse_overrides(["a_c=1", "l=0.1", "a_c=2"])

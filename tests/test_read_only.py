@@ -163,3 +163,14 @@ def test_observations_of_the_vector_env__are_the_callers_own() -> None:
     before = venv.action_masks()
     seen["action_mask"][...] = 0
     assert np.array_equal(venv.action_masks(), before)
+
+
+def test_states__can_not_be_made_writable() -> None:
+    given = np.zeros(8)
+    given.setflags(write=False)
+    states = [make() for name, make in GIVEN.items() if name not in ("batch", "taken", "put")]
+    for state in [state for state in states if isinstance(state, SnakeState)]:
+        for array in _arrays(state.replace(target=given)):
+            assert not np.shares_memory(array, given)
+            with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+                array.setflags(write=True)

@@ -20,6 +20,7 @@ from snake_env.networks.model_file import read_model
 from train.jobs import Job, side_by_side
 from train.validation import quality
 
+_MOST = 1000
 _FIGURES = {
     "raw_success": ("raw success", "{:.2%}"),
     "raw_time_s": ("time [s]", "{:.2f}"),
@@ -37,12 +38,15 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
         words: The command line that they came from.
         console: Where progress and the spread are shown.
     """
-    if options.run.seeds < 1:
-        raise InvalidInputError("seeds", options.run.seeds, "a positive number")
+    if not 1 <= options.run.seeds <= _MOST:
+        raise InvalidInputError("seeds", options.run.seeds, f"a positive number, at most {_MOST}")
+    last = options.run.seed + options.run.seeds - 1
+    for seed in (options.run.seed, last):
+        dataclasses.replace(options.run, seed=seed).folder(command)  # before there is work to lose
     options.engine.check()
     shared = words_without(words, "--seeds", "--seed", "--out")
     runs = []
-    for seed in range(options.run.seed, options.run.seed + options.run.seeds):
+    for seed in range(options.run.seed, last + 1):
         out = _folder(command, options, f"s{seed}")
         alone = dataclasses.replace(options.run, seed=seed, seeds=1, out=out)
         own = dataclasses.replace(options, run=alone, engine=Engine(workers=1))
@@ -55,6 +59,10 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
 def _folder(command: str, options: Any, suffix: str) -> Path:
     """``--out``, or what stands for it, with a suffix."""
     name = options.run.out or Path("runs") / f"{command}-{options.robot.name}"
+    if name.name in ("", ".."):
+        raise InvalidInputError(
+            "out", str(name), f"a folder with a name, to which -{suffix} is added"
+        )
     return name.with_name(f"{name.name}-{suffix}")
 
 

@@ -22,7 +22,7 @@ from snake_env.modes import mode_table
 from snake_env.params import LARGEST, SnakeParams
 from snake_env.sim.episode import Episodes
 from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
-from snake_env.sim.observation import observe
+from snake_env.sim.observation import observed
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
 
@@ -87,6 +87,7 @@ def checked_weights(given: Any) -> RewardWeights:
     if not isinstance(given, Mapping):
         raise InvalidInputError("reward_weights", given, "a dict of weights by name")
     known = [field.name for field in dataclasses.fields(RewardWeights)]
+    numbers = {}
     for name, weight in given.items():
         if name not in known:
             raise UnknownNameError("reward term", name, known)
@@ -94,7 +95,8 @@ def checked_weights(given: Any) -> RewardWeights:
         if number is None or abs(number) > LARGEST:
             expected = f"a finite number, at most {LARGEST:g} in size"
             raise InvalidInputError(f"reward_weights[{name!r}]", weight, expected)
-    weights = RewardWeights(**given)
+        numbers[name] = number
+    weights = RewardWeights(**numbers)
     if not 0.0 <= weights.gamma <= 1.0:
         raise InvalidInputError("reward_weights['gamma']", weights.gamma, "a discount, 0 to 1")
     return weights
@@ -253,7 +255,7 @@ class EnvCore:
 
     def observe(self, indices: IntArray) -> NDArray[np.float32]:
         """Observations of the robots at the given positions, shape (K, size)."""
-        return observe(self.states.take(indices), self.options.params)
+        return observed(self.states.take(indices), self.options.params)
 
     def masks(self, indices: IntArray) -> NDArray[np.bool_]:
         """Which modes they may choose, shape (K, n_modes): at least one each, all after a success."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,9 +113,13 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
             InvalidInputError: As many seeds as robots are needed; or a shape or task can't be used.
             UnknownNameError: An option that does not exist.
         """
+        if not isinstance(options, Mapping | None):
+            raise InvalidInputError("options", options, "a dict")
         given = dict(options or {})
         mask = given.pop("reset_mask", None)
         chosen = self._all if mask is None else np.flatnonzero(self._checked_mask(mask))
+        if not self._begun and len(chosen) < self.num_envs:
+            raise InvalidInputError("reset_mask", mask, "all robots at the first reset")
         if seed is None:
             seeds: Sequence[int | None] = [None] * self.num_envs
         else:

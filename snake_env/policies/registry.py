@@ -30,7 +30,7 @@ from snake_env.policies.value import (
     pretrained,
     shipped,
 )
-from snake_env.sim.masks import instant_mask
+from snake_env.sim.observation import observe_one
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState
@@ -94,7 +94,8 @@ class RandomPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """A random mode of the instant mask."""
-        return int(self._rng.choice(np.flatnonzero(instant_mask(state, self.params))))
+        _, mask = observe_one(state, self.params)
+        return int(self._rng.choice(np.flatnonzero(mask)))
 
 
 @functools.lru_cache(maxsize=1)
@@ -259,7 +260,9 @@ def _parse(text: str) -> tuple[str, str, dict[str, str]]:
         return text, "", {}
     name, colon, options = plain.partition(":")
     given = [options] * bool(colon) + [after[1:]] * bool(after)
-    pairs = (pair.partition("=")[::2] for part in given for pair in part.split(","))
+    pairs = [pair.partition("=")[::2] for part in given for pair in part.split(",")]
+    if len(dict(pairs)) < len(pairs):
+        raise InvalidInputError("policy", text, "each option only once")
     return head + name, suffix, dict(pairs)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,11 +11,10 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.dqn.policies import DQNPolicy
 from torch import nn
 
-from snake_env.envs.core import EnvCore, EnvOptions, checked_weights
+from snake_env.envs.core import checked_weights
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
@@ -30,7 +28,7 @@ from snake_env.sb3.masked import (
     ObservationExtractor,
     ObservationWithMask,
 )
-from snake_env.sb3.vec_env import SnakeVecEnv
+from snake_env.sb3.trained_for import options_of
 from snake_env.sim.observation import observation_size
 
 _ACTIVATIONS: dict[type[nn.Module], Activation] = {nn.ReLU: "relu", nn.Tanh: "tanh"}
@@ -55,7 +53,8 @@ def write_sb3_model(
             :class:`MaskedActorCriticPolicy`, or DQN with ``MlpPolicy`` or :class:`MaskedDQNPolicy`;
             its hidden layers have ReLU or Tanh. It sees observations as they are.
         path: Where to, ``.safetensors``.
-        params: The robot that it was trained with; default: that of the model's env.
+        params: The robot that it was trained with; default: that of the model's env. After
+            ``load(..., env=...)`` this is the env that was given there.
         reward_weights: What that env was given; default: what it has. Networks count in reward: with
             terms for shaping, cost or violations the file can't be used with ``+critic``.
         made: What the file says about how it was made.
@@ -64,13 +63,15 @@ def write_sb3_model(
         The file's path.
 
     Raises:
-        InvalidInputError: A network of another kind or for another robot, or a value that can't be
-            used.
+        InvalidInputError: A network of another kind or for another robot, a wrapper that may change
+            observations, actions or rewards, or a value that can't be used.
         UnknownNameError: No such term of the reward.
     """
     file = Path(path)
     if file.suffix != ".safetensors":
         raise InvalidInputError("path", str(file), "a file whose name ends in .safetensors")
+    if model.get_vec_normalize_env() is not None:
+        raise InvalidInputError("model", "trained with VecNormalize", "observations as they are")
     robot, weights = _trained_for(model, params, reward_weights)
     manifest = _checked_made(made)
     policy: Any = model.policy
@@ -110,7 +111,7 @@ def _trained_for(
     """The robot and the reward: those of the model's env, which must not contradict what is given."""
     if not isinstance(params, SnakeParams | None):
         raise InvalidInputError("params", params, "SnakeParams")
-    options = _options(model.get_env())
+    options = options_of(model.get_env())
     if options is None:
         if params is None:
             raise InvalidInputError("params", None, "the robot: the model has no env that tells it")
@@ -121,16 +122,6 @@ def _trained_for(
         raise InvalidInputError("params", params, expected)
     weights = checked_weights(reward_weights) if reward_weights is not None else options.weights
     return options.params, weights
-
-
-def _options(env: VecEnv | None) -> EnvOptions | None:
-    """The arguments of an env; None where it is none of this package."""
-    core: Any = None
-    if env is not None:
-        inner = env.unwrapped
-        with contextlib.suppress(AttributeError):
-            core = inner.envs.core if isinstance(inner, SnakeVecEnv) else env.get_attr("core")[0]
-    return core.options if isinstance(core, EnvCore) else None
 
 
 def _checked_made(made: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -145,8 +136,6 @@ def _checked_made(made: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _check_input(model: BaseAlgorithm) -> None:
     """Raises InvalidInputError unless the networks see observations as they are."""
-    if model.get_vec_normalize_env() is not None:
-        raise InvalidInputError("model", "trained with VecNormalize", "observations as they are")
     policy: Any = model.policy
     extractor = getattr(policy, "q_net", policy).features_extractor
     if type(extractor) not in (FlattenExtractor, ObservationExtractor, ObservationWithMask):

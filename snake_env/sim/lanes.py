@@ -33,23 +33,29 @@ def checked_for(state: SnakeState, modes: ArrayLike, params: SnakeParams) -> Int
         InvalidInputError: The state does not fit the constants, or the modes are no list.
     """
     chosen, table = checked_modes(modes), mode_table(params.n_joints)
-    if not _is_sound(state, params):
-        check_states(StateBatch.stack([state]), params)
+    check_state(state, params)
     if not table.valid_pairs(chosen, np.int64(state.phase)).all():
         for mode in chosen:
             table.check(int(mode), state.phase)
     return chosen
 
 
+def check_state(state: SnakeState, params: SnakeParams) -> None:
+    """Raises InvalidInputError where a state can't be that of a robot with these constants."""
+    if not _is_sound(state, params):
+        check_states(StateBatch.stack([state]), params)
+
+
 def _is_sound(state: SnakeState, params: SnakeParams) -> bool:
     """Whether a state is sure to pass :func:`check_states`: this is quicker than to ask that."""
     n, w, phi, target = params.n_joints, state.w, state.phi, state.target
-    numbers = state.phase_time, state.ref_start, state.elapsed, state.last_turn
+    a, b, c, d = state.phase_time, state.ref_start, state.elapsed, state.last_turn
     return (
         w.shape == (3,)
         and phi.shape == target.shape == (n,)
-        and bool(np.abs(np.concatenate((w, phi, target))).max() <= LARGEST)
-        and all(isinstance(number, float) and abs(number) <= LARGEST for number in numbers)
+        and bool(w.dot(w) + phi.dot(phi) + target.dot(target) <= LARGEST)  # False for NaN as well
+        and type(a) is type(b) is type(c) is type(d) is float
+        and abs(a) + abs(b) + abs(c) + abs(d) <= LARGEST
         and type(state.phase) is type(state.last_mode) is int
         and 1 <= state.phase <= n + 1
         and -1 <= state.last_mode < len(mode_table(n))

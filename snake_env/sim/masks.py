@@ -12,6 +12,7 @@ from snake_env.errors import UnknownNameError
 from snake_env.kernel.instant_mask import MAX_MODES, get_mask_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.sim.lanes import check_state
 from snake_env.sim.simulation import instantly_stable, predict_batch
 from snake_env.state import IntArray, SnakeState, StateBatch
 
@@ -65,7 +66,9 @@ def action_mask(
 
     Raises:
         UnknownNameError: No such level.
+        InvalidInputError: The state does not fit the constants.
     """
+    check_state(state, params)
     if level == "instant":
         return instant_mask(state, params)
     mask: NDArray[np.bool_] = action_masks(StateBatch.stack([state]), level, params)[0]
@@ -73,7 +76,7 @@ def action_mask(
 
 
 def instant_mask(state: SnakeState, params: SnakeParams) -> NDArray[np.bool_]:
-    """The mask ``instant`` of a single state, to the bit, in some microseconds: shape (n_modes,)."""
+    """The mask ``instant`` of a state that fits the constants, in some microseconds: (n_modes,)."""
     mask: NDArray[np.bool_]
     if len(mode_table(params.n_joints)) > MAX_MODES:
         mask = action_masks(StateBatch.stack([state]), "instant", params)[0]

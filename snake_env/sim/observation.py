@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from snake_env.equations.features import SUPPORT_DIRECTIONS, features
 from snake_env.equations.scalars import Scalar
+from snake_env.errors import InvalidInputError
 from snake_env.kernel.lane_function import LaneFunction
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.sim.lanes import check_state, check_states
 from snake_env.sim.masks import instant_mask
 from snake_env.state import FloatArray, SnakeState, StateBatch
 
@@ -55,7 +57,19 @@ def observe(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.
     Returns:
         Shape (observation_size,) or (N, observation_size), float32, freshly allocated. The rows are
         described in :class:`snake_env.envs.env.SnakeModeSelectionEnv`.
+
+    Raises:
+        InvalidInputError: A state does not fit the constants.
     """
+    if isinstance(states, SnakeState):
+        check_state(states, params)
+    else:
+        check_states(states, params)
+    return observed(states, params)
+
+
+def observed(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.float32]:
+    """:func:`observe` for states that are known to fit the constants."""
     kernel = get_observation_kernel(params.n_joints, params.head_contact)
     if isinstance(states, SnakeState):
         return kernel.of_one(params, _arguments(states, params), np.float32)
@@ -74,8 +88,14 @@ def observe_one(
     Returns:
         The observation, shape (observation_size,), and the instant mask, shape (n_modes,): to the bit
         what :func:`observe` and :func:`snake_env.sim.masks.action_masks` give for it.
+
+    Raises:
+        InvalidInputError: The state has reached its target, or does not fit the constants.
     """
-    return observe(state, params), instant_mask(state, params)
+    check_state(state, params)
+    if state.done:
+        raise InvalidInputError("state.phase", state.phase, f"1 to {params.n_joints}")
+    return observed(state, params), instant_mask(state, params)
 
 
 def _arguments(state: SnakeState | StateBatch, params: SnakeParams) -> tuple[Any, ...]:

@@ -1,5 +1,9 @@
 """The reward: success first, then time; a failure costs the same however and whenever it comes."""
 
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -100,3 +104,14 @@ def test_weights__put_every_success_above_every_failure() -> None:
     failure = weights.time * horizon + weights.failure
     assert slowest == pytest.approx(-9.0)
     assert failure == pytest.approx(-30.0)
+
+
+@pytest.mark.parametrize("kind", [Decimal, Fraction, np.float32])
+def test_weights__may_be_any_real_numbers(kind: Any) -> None:
+    """They are turned into floats, which all others are."""
+    rewards = []
+    for weight in (kind("-0.125"), -0.125):
+        env = SnakeModeSelectionEnv(reward_weights={"time": weight})
+        env.reset(seed=0)
+        rewards.append(env.step(0)[1])
+    assert rewards[0] == rewards[1]

@@ -85,3 +85,18 @@ def test_actions__of_the_wrong_number_get_a_typed_error(actions: Any) -> None:
     envs.reset(seed=0)
     with pytest.raises(InvalidInputError, match=r"^actions\.shape = "):
         envs.step(actions)
+
+
+def test_first_reset__is_of_all_robots() -> None:
+    """As that of SyncVectorEnv: what has not begun has no state to move from."""
+    env = SnakeModeSelectionVectorEnv(2)
+    with pytest.raises(InvalidInputError, match=r"reset_mask = .*all robots at the first reset"):
+        env.reset(seed=0, options={"reset_mask": np.array([True, False])})
+    env.reset(seed=0, options={"reset_mask": np.array([True, True])})
+    env.reset(options={"reset_mask": np.array([True, False])})
+
+
+@pytest.mark.parametrize("options", [[1], 5, "phi0"])
+def test_options_that_are_no_dict__are_refused(options: Any) -> None:
+    with pytest.raises(InvalidInputError, match=r"options = .*expected a dict"):
+        SnakeModeSelectionVectorEnv(2).reset(options=options)

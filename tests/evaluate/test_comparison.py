@@ -237,9 +237,20 @@ def test_noise__establishes_nothing() -> None:
     assert "no significant difference in time" in entry["sentence"]
 
 
-def test_few_equal_differences__establish_nothing() -> None:
-    """Their bootstrap interval is a point, but the signed-rank test can't tell."""
-    assert "no significant difference in time" in _compare([30.0] * 3, [27.0] * 3)["sentence"]
+@pytest.mark.parametrize("tasks", [3, 6, 19, 20])
+def test_few_equal_differences__are_not_significant(tasks: int) -> None:
+    """Their bootstrap interval is a point."""
+    told = _compare([30.0] * tasks, [27.0] * tasks)["sentence"]
+    assert ("no significant difference in time" in told) == (tasks < 20)
+
+
+@pytest.mark.parametrize("tasks", [2, 5, 20])
+def test_seeds_on_few_tasks__are_not_significantly_better(tasks: int) -> None:
+    names = [f"runs/ppo-s{k}/best.safetensors" for k in range(2)]
+    own = {name: _results([30.0] * tasks) for name in names}
+    (entry,) = seed_entries({"analytic": _results([None] * tasks), **own}).values()
+    assert "+100.00 points against analytic" in entry["sentence"]
+    assert ("no significant difference" in entry["sentence"]) == (tasks < 20)
 
 
 @pytest.mark.parametrize("seed", range(12))

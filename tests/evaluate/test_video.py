@@ -127,3 +127,46 @@ def test_wish__may_be(wish: str) -> None:
 def test_wish__that_cannot_be_shown_is_refused(wish: str) -> None:
     with pytest.raises(InvalidInputError, match=r"expected default, or a list of sim-1 and tasks"):
         check_wish(wish, SUITE)
+
+
+def test_video_that_is_cut_off__is_an_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ffmpeg itself says nothing where the disk is full."""
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    write = imageio_ffmpeg.write_frames
+
+    def writer(path: str, *args: Any, **options: Any) -> Any:
+        inner = write(path, *args, **options)
+
+        class Cut:
+            def send(self, frame: Any) -> Any:
+                return inner.send(frame)
+
+            def close(self) -> None:
+                inner.close()
+                with open(path, "r+b") as file:
+                    file.truncate(1000)
+
+        return Cut()
+
+    monkeypatch.setattr(imageio_ffmpeg, "write_frames", writer)
+    with pytest.raises(OSError, match="could not be written"):
+        _write(tmp_path, "2", "analytic", "imitate")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("no_ffmpeg")
+def test_gif_that_can_not_be_written__leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (path,) = _write(tmp_path, "2", "analytic")
+    old = path.read_bytes()
+
+    def full(*_: Any) -> Any:
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(video, "_frame", full)
+    with pytest.raises(OSError, match="No space"):
+        _write(tmp_path, "2", "analytic")
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [old]

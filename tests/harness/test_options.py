@@ -6,6 +6,7 @@ from itertools import pairwise
 import pytest
 
 from harness.options import parse
+from snake_env.errors import InvalidInputError
 
 INDENT = 10 * " "
 """What a help's second line begins with."""
@@ -46,3 +47,9 @@ def test_help__is_broken_by_the_terminal_and_not_by_the_source(
     for line, after in pairwise(printed):
         if line.startswith(INDENT) and after.startswith(INDENT) and after.strip():
             assert len(line.rstrip()) + len(after.split()[0]) + 2 >= width - 1, (line, after)
+
+
+@pytest.mark.parametrize("word", ["a\udcff", "--width=\udc80"])
+def test_word_that_is_no_text__is_refused(word: str) -> None:
+    with pytest.raises(InvalidInputError, match=r"^argument = .*: expected text in UTF-8$"):
+        parse(Outer, "command", [word])

@@ -193,3 +193,9 @@ def test_random__is_reproducible_by_seed() -> None:
     policy = load_policy("random")
     assert draw(7) == first
     assert draw(None) == draw(None)
+
+
+@pytest.mark.parametrize("name", ["ppo+critic:k=1,k=4", "ppo:transfer=1+critic:transfer=0"])
+def test_option_that_is_given_twice__is_refused(name: str) -> None:
+    with pytest.raises(InvalidInputError, match="each option only once"):
+        load_policy(name)

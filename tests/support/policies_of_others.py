@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from snake_env.params import SnakeParams
-from snake_env.policies.registry import FirstFeasiblePolicy
+from snake_env.policies.registry import AnalyticPolicy, FirstFeasiblePolicy
 from snake_env.state import SnakeState
 
 NOT_CALLABLE = 3
@@ -118,3 +118,26 @@ class Forgetful(FirstFeasiblePolicy):
         mode = super().select_mode(state)
         self.rollouts = None  # type: ignore[assignment]
         return mode
+
+
+class PerEpisode(AnalyticPolicy):
+    """Counts its roll-outs from 0 in each episode."""
+
+    def reset(self, seed: int | None = None) -> None:
+        self.rollouts = 0
+
+
+class Countless(FirstFeasiblePolicy):
+    """Has counted more than there can be."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        self.rollouts = 2**62
+        return super().select_mode(state)
+
+
+class CountingDown(FirstFeasiblePolicy):
+    """Counts down within an episode."""
+
+    def select_mode(self, state: SnakeState) -> int:
+        self.rollouts -= 100
+        return super().select_mode(state)
