@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import docstring_parser
 from mkdocs.structure.files import File, Files
 
 from snake_env.envs import SnakeModeSelectionEnv
@@ -86,14 +87,14 @@ def shipped_table() -> str:
 
 
 def _fields() -> Iterator[tuple[str, str, str, str]]:
-    """Each field's name, symbol, unit and meaning, from the comment behind it."""
-    source = inspect.getsource(SnakeParams)
-    comments = dict(re.findall(r"^    (\w+): .*?  # (.*?)(?:  # noqa.*)?$", source, re.M))
+    """Each field's name, symbol, unit and meaning, from its docstring."""
+    told = docstring_parser.parse_from_object(SnakeParams).params
+    comments = {each.arg_name: (each.description or "").rstrip(".") for each in told}
     for field in dataclasses.fields(SnakeParams):
         parts = re.fullmatch(r"(?:(Delta T|[^\s:[]*) ?(?:\[(.*?)\])?: )?(.*)", comments[field.name])
         assert parts is not None, comments[field.name]
         symbol, unit, meaning = (_symbols(part or "") for part in parts.groups())
-        yield field.name, symbol, unit.replace(" ", "&nbsp;"), meaning
+        yield field.name, symbol, unit.replace(" ", "&nbsp;"), meaning[:1].lower() + meaning[1:]
 
 
 def _symbols(text: str) -> str:

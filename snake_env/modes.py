@@ -56,9 +56,8 @@ class ModeTable:
         allowed = (foremost > phases[:, None]) & (phases[:, None] <= n_joints)
         # Wheels 1..phase-1 are grounded, so a mode that is valid here leaves 3 of the n grounded.
         self._masks = allowed
-        self._scp = np.eye(
-            n_joints + 1, n_joints, dtype=np.bool_
-        )  # none once the target is reached
+        # In the last row, when the target is reached, there is no SCP.
+        self._scp = np.eye(n_joints + 1, n_joints, dtype=np.bool_)
         for array in (self.n_lifted, self.wheels, self.lifted, self._masks, self._scp):
             array.setflags(write=False)
 

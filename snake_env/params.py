@@ -28,32 +28,55 @@ class SnakeParams:
         InvalidInputError: A field has a wrong type or lies out of its range; the message names it.
     """
 
-    n_joints: int = 8  # n: yaw joints, and wheel axles behind the head link
-    l: float = 0.091  # l [m]: half a link's length  # noqa: E741
-    track: float = 0.10  # [m]: distance between the two wheels of an axle, (22)
-    head_contact: bool = True  # whether the wheel-less link 0 rests on the ground, (22)
+    n_joints: int = 8
+    """n: yaw joints, and wheel axles behind the head link."""
+    l: float = 0.091  # noqa: E741
+    """l [m]: half a link's length."""
+    track: float = 0.10
+    """[m]: distance between the two wheels of an axle, (22)."""
+    head_contact: bool = True
+    """Whether the wheel-less link 0 rests on the ground, (22)."""
 
-    delta_t: float = 3.0  # Delta T [s]: switching period of the mode, (4)
-    dt: float = 0.02  # [s]: sampling time
-    horizon: int = 100  # intervals after which an episode fails
-    cam_time: float = 1.5  # [s]: duration of the reference's cam curve, section III-B
-    epsilon_p: float = 0.05  # epsilon_p [rad]: convergence of the SCP, (18)
+    delta_t: float = 3.0
+    """Delta T [s]: switching period of the mode, (4)."""
+    dt: float = 0.02
+    """[s]: sampling time."""
+    horizon: int = 100
+    """Intervals after which an episode fails."""
+    cam_time: float = 1.5
+    """[s]: duration of the reference's cam curve, section III-B."""
+    epsilon_p: float = 0.05
+    """epsilon_p [rad]: convergence of the SCP, (18)."""
 
-    c_phi: float = math.pi / 4  # c_phi [rad]: activation of V_L, (19)
-    d_0: float = 0.27  # d_0 [m]: activation of V_c, (19)
-    a_l: float = 2.1  # a_L: weight of V_L, (19)
-    a_c: float = 670.0  # a_c: weight of V_c, (19)
-    a_s: float = 2e-3  # a_s: weight of V_s, (19)
-    det_floor: float = 1e-6  # least determinant in V_s: singular shapes stay finite
-    a_scp: float = 1e-4  # a_scp: weight of V_scp, (24)
+    c_phi: float = math.pi / 4
+    """c_phi [rad]: activation of V_L, (19)."""
+    d_0: float = 0.27
+    """d_0 [m]: activation of V_c, (19)."""
+    a_l: float = 2.1
+    """a_L: weight of V_L, (19)."""
+    a_c: float = 670.0
+    """a_c: weight of V_c, (19)."""
+    a_s: float = 2e-3
+    """a_s: weight of V_s, (19)."""
+    det_floor: float = 1e-6
+    """Least determinant in V_s: singular shapes stay finite."""
+    a_scp: float = 1e-4
+    """a_scp: weight of V_scp, (24)."""
 
-    gains: tuple[float, float, float, float] = (1.0, 1.0, 0.5, 2.0)  # K' [1/s]: x, y, theta, SCP
-    k_0: float = math.pi / 4  # k_0 [rad]: activation of k_t, (28)
-    k_eta: float = 2.0  # k_eta': gain of the redundant input, (16)
-    w_d: tuple[float, float, float] = (0.0, 0.0, math.pi)  # w_d [m, m, rad]: wanted head pose
-    phi_limit: float = math.pi / 2  # phi_limit [rad]: joint limit, (23)
-    u_limit: float = math.pi / 4  # u_limit [rad/s]: joint speed limit, (30)
-    limit_tolerance: float = 1e-6  # [rad]: rounding allowed for in (23)
+    gains: tuple[float, float, float, float] = (1.0, 1.0, 0.5, 2.0)
+    """K' [1/s]: x, y, theta, SCP."""
+    k_0: float = math.pi / 4
+    """k_0 [rad]: activation of k_t, (28)."""
+    k_eta: float = 2.0
+    """k_eta': gain of the redundant input, (16)."""
+    w_d: tuple[float, float, float] = (0.0, 0.0, math.pi)
+    """w_d [m, m, rad]: wanted head pose."""
+    phi_limit: float = math.pi / 2
+    """phi_limit [rad]: joint limit, (23)."""
+    u_limit: float = math.pi / 4
+    """u_limit [rad/s]: joint speed limit, (30)."""
+    limit_tolerance: float = 1e-6
+    """[rad]: rounding allowed for in (23)."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

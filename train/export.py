@@ -46,17 +46,18 @@ _CARD = """# {name}
 {limits} Results on the test tasks are in `docs/results.md`.
 """
 _WHAT = {
-    "policy": "Prefers modes: the policy takes the one it prefers among those that are stable at t_k, "
-    "with no model roll-out. `+shield` checks the choice with a roll-out; `+critic` simulates "
-    "eight choices and takes the one whose end its critic values most.",
-    "value": "Says how many intervals a state still needs: such networks guide the policies `value` "
-    "and `lookahead`, and the teacher of `imitate`.",
+    "policy": "Policy network. It chooses the mode with the highest logit among those that are stable "
+    "at t_k, without roll-outs. `+shield` checks the choice with a roll-out; `+critic` simulates the "
+    "eight modes with the highest logits and executes the one whose end its critic rates best.",
+    "value": "Value network. It estimates how many intervals are left to the target. It ranks states "
+    "for the policies `value`, `+critic` and `lookahead`, and for the teacher of `imitate`.",
 }
 _LIMITS = {
-    "policy": "Without the shield a choice can break (22) or (23) within the interval. It knows random "
-    "shapes within the joint limits, {ground}, and these robots' constants only.",
-    "value": "It is an estimate, learned on random shapes within the joint limits: plans are right all "
-    "the same, as they are predicted by the model.",
+    "policy": "Without `+shield` or `+critic` a choice can break (22) or (23) within the interval. The "
+    "network was trained only on random shapes within the joint limits, {ground}, and only for this "
+    "robot.",
+    "value": "The network was trained only on random shapes within the joint limits. Plans remain "
+    "valid, because the model simulates them.",
 }
 
 

@@ -13,7 +13,7 @@ from snake_env.sim.simulation import Prediction
 from snake_env.state import FloatArray, StateBatch
 
 COST_CAP = 10.0
-"""Most that the mean of V counts: near singular shapes it reaches 2000, as it means little there."""
+"""Cap on the mean of V in the reward: near singular shapes V reaches 2000, where it means little."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,20 @@ class RewardWeights:
     a thousand weighs as much as 0.3 intervals of every episode. Giving up early never pays.
     """
 
-    time: float = -0.1  # per interval; a violation may end it early
-    success: float = 1.0  # when the target is reached
-    failure: float = (
-        -20.0
-    )  # when an episode ends otherwise; the time left to the horizon is due too
-    violation: float = (
-        0.0  # when a choice was infeasible or not allowed, for learners without masks
-    )
-    cost: float = 0.0  # per unit of V's mean over the interval, 10 at most
-    shaping: float = 0.0  # times gamma Phi(after) - Phi(before): changes no optimal policy
-    gamma: float = 0.99  # the agent's discount, for shaping
+    time: float = -0.1
+    """Per interval; a violation may end it early."""
+    success: float = 1.0
+    """When the target is reached."""
+    failure: float = -20.0
+    """When an episode ends otherwise; the time left to the horizon is added."""
+    violation: float = 0.0
+    """When a choice was infeasible or not allowed; for training without masks."""
+    cost: float = 0.0
+    """Per unit of V's mean over the interval, 10 at most."""
+    shaping: float = 0.0
+    """Times gamma Phi(after) - Phi(before): changes no optimal policy."""
+    gamma: float = 0.99
+    """The agent's discount, for shaping."""
 
 
 def potential(states: StateBatch, params: SnakeParams) -> FloatArray:

@@ -50,8 +50,8 @@ class Model:
         params: The constants that it was trained with.
         network: Takes observations.
         made: How it was made and what it is good for, as the manifest tells it.
-        critic: A value network for the same robot, which ranks what the policy's favourites lead to; a
-            model of the kind ``value``, or None.
+        critic: A value network for the same robot, which ranks the ends of the modes that the policy
+            prefers; a model of the kind ``value``, or None.
         images: Which image of a state its network is asked about.
         action_values: Whether a policy's preferences are action values, so that it can rank states
             without a critic.

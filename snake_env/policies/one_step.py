@@ -112,16 +112,16 @@ class ValuePolicy:
 
 
 class CriticPolicy:
-    """A learned policy's favourites, simulated; a critic decides between their ends.
+    """The modes that a learned policy prefers, simulated; a critic decides between their ends.
 
-    Where none of the favourites leads anywhere, its next ones are simulated, then all others; where no
-    mode can be executed, (21) finds the one that holds out longest.
+    Where none of the k preferred modes leads anywhere, the next k are simulated, then all others;
+    where no mode can be executed, (21) finds the one that holds out longest.
 
     Args:
         policy: Ranks the modes, without roll-outs.
         value: The critic.
         params: The constants that it predicts with.
-        k: Favourites that are simulated at a time.
+        k: How many of the preferred modes are simulated at a time.
     """
 
     def __init__(
@@ -138,18 +138,18 @@ class CriticPolicy:
         self._policy.reset(seed)
 
     def select_mode(self, state: SnakeState) -> int:
-        """The favourite whose end the critic values most."""
+        """The preferred mode whose end the critic values most."""
         possible = self._optimizer.modes(state.phase)
         if len(possible) == 1:
             return int(possible[0])
         ranked = self._policy.ranking(state, unless=self._k)
         creeping = None
         for first, last in ((0, self._k), (self._k, 2 * self._k), (2 * self._k, len(ranked))):
-            favourites = ranked[first:last]
-            if len(favourites) == 0:
+            candidates = ranked[first:last]
+            if len(candidates) == 0:
                 break
-            self.rollouts += len(favourites)
-            choice = best_mode(state, favourites, self._value, self._params)
+            self.rollouts += len(candidates)
+            choice = best_mode(state, candidates, self._value, self._params)
             if choice is not None and choice.leads:
                 return choice.mode
             creeping = creeping or choice

@@ -15,7 +15,7 @@ from snake_env.state import IntArray, SnakeState
 class ShieldedPolicy:
     """The first of a policy's choices that is feasible, then (21), then what holds out longest.
 
-    A policy that ranks its choices has its favourite predicted alone, then its next eight;
+    Of a policy that ranks its choices, the preferred mode is predicted alone, then the next eight;
     from others there is one choice.
 
     Args:

@@ -120,9 +120,8 @@ def _predict(states: SnakeState | StateBatch, modes: IntArray, params: SnakePara
     """:func:`predict_batch`, of one state with all modes too, once all has been checked."""
     outcome = run_lanes(states, modes, params, clock_of(params))
     lanes = np.arange(len(modes))
-    scp = (
-        np.minimum(states.phase, params.n_joints) - 1
-    )  # none once the target is reached, nor modes
+    # Where the target is reached there is no SCP, but no mode either.
+    scp = np.minimum(states.phase, params.n_joints) - 1
     turned = np.abs((outcome["phi"] - states.phi)[lanes, scp])
     code = outcome["violation"][:, 0].astype(np.intp)
     feasible = code == 0

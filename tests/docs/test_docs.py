@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import importlib.util
 import inspect
+import json
 import re
 import shlex
 from collections.abc import Iterator
@@ -206,6 +207,24 @@ def test_prose__has_short_lines_and_sentences(page: Path) -> None:
 
 def test_prose__names_no_registry() -> None:
     assert not [page.name for page in PAGES if re.search(r"pypi|npmjs|unpkg", _text(page), re.I)]
+
+
+def test_readme__has_the_figures_of_the_results() -> None:
+    robot, count = "", 0
+    for head, policy, *cells in re.findall(
+        r"^\| (.*?) \| `([\w+]+)`.*? \| ([\d.]+).% \| ([\d.]+) s \| ([\d.]+) \|$",
+        _text(ROOT / "README.md").replace("| | ", "|  | "),
+        re.M,
+    ):
+        robot = head.partition("`, ")[0].strip("` ") or robot
+        data = json.loads(_text(DOCS / "data" / f"{robot}.json"))
+        if head:
+            assert head.endswith(f" {data['tasks']['n']:,} tasks")
+        row = data["policies"][policy]
+        figures = 100 * row["success_rate"], row["time_s"]["mean"], row["rollouts_per_decision"]
+        assert cells == [f"{value:.{k}f}" for value, k in zip(figures, (2, 1, 1), strict=True)]
+        count += 1
+    assert count == 5
 
 
 def test_results__are_short() -> None:
