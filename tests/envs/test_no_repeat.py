@@ -13,6 +13,7 @@ from snake_env.networks.model_file import Model
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.masks import action_masks, instant_mask
+from tests.support import first
 from tests.support.models import model_of, unsure
 
 PARAMS = SnakeParams()
@@ -49,11 +50,12 @@ def _plain_mask(env: SnakeModeSelectionEnv) -> np.ndarray:
 
 def test_masks__close_what_did_nothing_until_the_robot_moves() -> None:
     env = _reckless(no_repeat=True)
-    for seed in range(40):
+
+    def blocked_after_reset(seed: int) -> np.ndarray:
         env.reset(seed=seed)
-        blocked = np.flatnonzero(~_feasible(env) & _plain_mask(env))
-        if len(blocked) >= 4:
-            break
+        return np.flatnonzero(~_feasible(env) & _plain_mask(env))
+
+    blocked = first(b for b in map(blocked_after_reset, range(40)) if len(b) >= 4)
     expected = _plain_mask(env)
     for mode in blocked[:4]:
         assert np.array_equal(env.action_masks(), expected)

@@ -25,6 +25,8 @@ from snake_env.modes import mode_table
 from snake_env.rendering.drawing import BODY, INK, LIFTED, SUPPORT
 from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import random_suite
+from snake_env.state import SnakeState
+from tests.support import first
 from tests.support.robots import PAPER, all_lifted, random_state, row_of, sim_1_episode
 
 PHASE_3 = mode_table(8).valid(3)
@@ -200,14 +202,14 @@ def test_replay__is_the_episode() -> None:
 
 @pytest.mark.parametrize("violation", ["stability", "joint_limit"])
 def test_replay__ends_with_a_violation_where_it_happened(violation: str) -> None:
-    for seed in range(500):
-        state = random_state(seed, PAPER, 3).replace(elapsed=0.0)
-        prediction = predict(state, PHASE_3, PAPER)
-        soon = (prediction.duration > 0.0) & (prediction.duration < 2.9)
-        found = np.flatnonzero(soon & (prediction.violation == violation))
-        if len(found):
-            break
-    played = replay(row_of([PHASE_3[found[0]]]), state, PAPER)
+    def soon_violating(state: SnakeState) -> np.ndarray:
+        found = predict(state, PHASE_3, PAPER)
+        soon = (found.duration > 0.0) & (found.duration < 2.9)
+        return PHASE_3[soon & (found.violation == violation)]
+
+    states = (random_state(seed, PAPER, 3).replace(elapsed=0.0) for seed in range(500))
+    state = first(state for state in states if len(soon_violating(state)))
+    played = replay(row_of([soon_violating(state)[0]]), state, PAPER)
     (motion,) = played.motions
     assert len(motion.u) < 150
     assert motion.phi[-1].tolist() == played.states[-1].phi.tolist()

@@ -14,9 +14,10 @@ from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import load_policy
-from snake_env.sim.masks import action_masks
+from snake_env.sim.masks import action_masks, instant_mask
 from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState, StateBatch
+from tests.support import first
 from tests.support.robots import (
     KNIFE_EDGE,
     PAPER,
@@ -165,12 +166,13 @@ def test_first_feasible__is_the_first_and_predicts_no_more_blocks_than_it_must()
 
 
 def test_random__is_uniform_over_the_instant_mask_and_predicts_nothing() -> None:
-    for seed in range(500):
-        state = random_state(seed, PAPER, 5)
-        mask = action_masks(StateBatch.stack([state]), "instant", PAPER)[0]
-        margins = [abs(stability_margin(state.phi, state, m, PAPER)) for m in range(8)]
-        if 3 <= mask.sum() < VALID[4] and min(margins) > KNIFE_EDGE:
-            break
+    state = first(
+        state
+        for state in (random_state(seed, PAPER, 5) for seed in range(500))
+        if 3 <= instant_mask(state, PAPER).sum() < VALID[4]
+        and all(abs(stability_margin(state.phi, state, m, PAPER)) > KNIFE_EDGE for m in range(8))
+    )
+    mask = action_masks(StateBatch.stack([state]), "instant", PAPER)[0]
     policy = load_policy("random")
     policy.reset(0)
     counts = Counter(policy.select_mode(state) for _ in range(3000))

@@ -1,5 +1,6 @@
 """A command, run in this process or in one of its own, and interrupted at will."""
 
+import csv
 import os
 import re
 import subprocess
@@ -54,13 +55,30 @@ class Command:
             patch.setattr(Engine, "map", Interrupted(after))
             assert self.run(*arguments) == 130
 
-    def process(self, *arguments: object) -> subprocess.CompletedProcess[str]:
-        """Runs it in a process of its own, in a narrow terminal."""
-        return subprocess.run(
+    def start(self, *arguments: object, **variables: str) -> subprocess.Popen[str]:
+        """Begins it in a process and a session of its own.
+
+        Args:
+            *arguments: The command line.
+            **variables: Added to the environment.
+        """
+        return subprocess.Popen(
             [sys.executable, "-m", self._package, *map(str, arguments)],
-            cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=HANGS_S,
-            env={**os.environ, "COLUMNS": "40"},
+            cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, start_new_session=True, env={**os.environ, **variables},
         )  # fmt: skip
+
+    def process(
+        self, *arguments: object, code: int = 0, **variables: str
+    ) -> subprocess.CompletedProcess[str]:
+        """Runs it in a process of its own, up to an exit code."""
+        process = self.start(*arguments, **variables)
+        try:
+            stdout, stderr = process.communicate(timeout=HANGS_S)
+        finally:
+            process.kill()  # where it hangs
+        assert process.returncode == code, stderr
+        return subprocess.CompletedProcess(process.args, code, stdout, stderr)
 
 
 class Interrupted:
@@ -85,6 +103,12 @@ def tree(folder: Path) -> dict[str, bytes]:
     """Everything in a folder, with its content."""
     paths = sorted(folder.rglob("*"))
     return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """The rows of a table."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def names(folder: Path) -> set[str]:

@@ -1,12 +1,14 @@
 """A small evaluation for the tests: six tasks, their rows and summary."""
 
 import functools
+from pathlib import Path
 from typing import Any
 
 from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import summarise
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import random_suite
+from tests.support.commands import read_csv
 from tests.support.robots import PAPER
 
 SUITE = random_suite(6, 3, PAPER)
@@ -17,6 +19,11 @@ def rows_of(policy: str) -> list[Row]:
     """A policy's episodes on the six tasks."""
     states = [SUITE.initial(task, PAPER) for task in range(len(SUITE))]
     return run_shard(Shard(policy, list(range(len(SUITE))), states, PAPER))
+
+
+def episodes(folder: Path) -> list[dict[str, str]]:
+    """What an evaluation has written down."""
+    return read_csv(folder / "episodes.csv")
 
 
 def summary_of(

@@ -1,6 +1,5 @@
 """``python -m train``: what value makes, refuses and survives."""
 
-import csv
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +16,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sim.observation import observation_size
 from tests.support import ROOT
-from tests.support.commands import QUICK, Command, Interrupted, names, tree
+from tests.support.commands import QUICK, Command, Interrupted, names, read_csv, tree
 from tests.support.torch_threads import one_thread
 from train.__main__ import COMMANDS, main
 
@@ -100,13 +99,13 @@ def test_bad_input__is_refused_in_one_line_and_nothing_is_written(
 
 
 def test_process__works_and_ends_with_2_where_it_cannot(tmp_path: Path) -> None:
-    done = TRAIN.process(*VALUE, tmp_path / "out", "--generations", 1, "--episodes", 8)
-    assert done.returncode == 0, done.stderr
+    once = (*VALUE, tmp_path / "out", "--generations", 1, "--episodes", 8)
+    done = TRAIN.process(*once, COLUMNS="40")
     assert f"model: {tmp_path}/out/value.safetensors\n" in done.stdout
     about = json.loads((tmp_path / "out" / "run.json").read_text())
     assert about["command"].startswith("python -m train value --generations 2 --episodes 40")
-    done = TRAIN.process("vlaue")
-    assert (done.returncode, done.stdout) == (2, "")
+    done = TRAIN.process("vlaue", code=2, COLUMNS="40")
+    assert done.stdout == ""
     assert done.stderr.startswith("error: unknown command 'vlaue': did you mean 'value'?")
     assert done.stderr.count("\n") == 1
 
@@ -120,11 +119,6 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("learned") / "run"
     TRAIN.good(*VALUE, folder)
     return folder
-
-
-def _log(folder: Path) -> list[dict[str, str]]:
-    with (folder / "log.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def _assert_same_run(folder: Path, other: Path, stale: Iterable[str] = ()) -> None:
@@ -141,7 +135,7 @@ def test_value__learns_a_network_that_can_be_used(learned: Path) -> None:
     assert model.network.sizes == [observation_size(5), 8, 1]
     assert model.made["generations"] == 2
     NetworkValue(model, FIVE)
-    rows = _log(learned)
+    rows = read_csv(learned / "log.csv")
     assert [row["generation"] for row in rows] == ["1", "2"]
     for row in rows:
         assert 0.0 <= float(row["success"]) <= 1.0
