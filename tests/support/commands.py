@@ -56,29 +56,39 @@ class Command:
             assert self.run(*arguments) == 130
 
     def start(self, *arguments: object, **variables: str) -> subprocess.Popen[str]:
-        """Begins it in a process and a session of its own.
-
-        Args:
-            *arguments: The command line.
-            **variables: Added to the environment.
-        """
-        return subprocess.Popen(
-            [sys.executable, "-m", self._package, *map(str, arguments)],
-            cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, start_new_session=True, env={**os.environ, **variables},
-        )  # fmt: skip
+        """Begins it in a process of its own: see :func:`start_python`."""
+        return start_python("-m", self._package, *arguments, **variables)
 
     def process(
         self, *arguments: object, code: int = 0, **variables: str
     ) -> subprocess.CompletedProcess[str]:
-        """Runs it in a process of its own, up to an exit code."""
-        process = self.start(*arguments, **variables)
-        try:
-            stdout, stderr = process.communicate(timeout=HANGS_S)
-        finally:
-            process.kill()  # where it hangs
-        assert process.returncode == code, stderr
-        return subprocess.CompletedProcess(process.args, code, stdout, stderr)
+        """Runs it in a process of its own: see :func:`python`."""
+        return python("-m", self._package, *arguments, code=code, **variables)
+
+
+def start_python(*words: object, **variables: str) -> subprocess.Popen[str]:
+    """Begins Python in the checkout, in a session of its own.
+
+    Args:
+        *words: The command line.
+        **variables: Added to the environment.
+    """
+    return subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, start_new_session=True, env={**os.environ, **variables},
+    )  # fmt: skip
+
+
+def python(*words: object, code: int = 0, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Runs Python in the checkout, up to an exit code."""
+    process = start_python(*words, **variables)
+    try:
+        stdout, stderr = process.communicate(timeout=HANGS_S)
+    finally:
+        process.kill()  # where it hangs
+    assert process.returncode == code, stdout + stderr
+    return subprocess.CompletedProcess(process.args, code, stdout, stderr)
 
 
 class Interrupted:

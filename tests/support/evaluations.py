@@ -7,18 +7,24 @@ from typing import Any
 from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import summarise
 from snake_env.params import SnakeParams
-from snake_env.sim.tasks import random_suite
+from snake_env.sim.tasks import TaskSuite, random_suite
 from tests.support.commands import read_csv
 from tests.support.robots import PAPER
 
 SUITE = random_suite(6, 3, PAPER)
 
 
+def evaluated(policy: str, suite: TaskSuite, params: SnakeParams = PAPER, **more: Any) -> list[Row]:
+    """A policy's episodes on a suite; more are attributes of their shard."""
+    tasks = list(range(len(suite)))
+    states = [suite.initial(task, params) for task in tasks]
+    return run_shard(Shard(policy, tasks, states, params, **more))
+
+
 @functools.cache
 def rows_of(policy: str) -> list[Row]:
     """A policy's episodes on the six tasks."""
-    states = [SUITE.initial(task, PAPER) for task in range(len(SUITE))]
-    return run_shard(Shard(policy, list(range(len(SUITE))), states, PAPER))
+    return evaluated(policy, SUITE)
 
 
 def episodes(folder: Path) -> list[dict[str, str]]:

@@ -56,10 +56,7 @@ _FUNCTIONS: dict[str, Callable[..., float | bool]] = {
 
 
 def interpret(
-    trace: Trace,
-    lane: Sequence[float],
-    shared: Sequence[float] = (),
-    clock: Sequence[float] = (),
+    trace: Trace, lane: Sequence[float], shared: Sequence[float] = (), clock: Sequence[float] = ()
 ) -> dict[int, float]:
     """What the trace stores, by row.
 

@@ -21,6 +21,9 @@ from snake_env.state import FloatArray, SnakeState
 from tests.support import oracle
 
 PAPER = SnakeParams()
+NARROW = SnakeParams.preset("narrow")
+HARDWARE = SnakeParams.preset("hardware")
+FIVE = SnakeParams(n_joints=5)
 KNIFE_EDGE = 1e-9  # [m]: nearer to its edge than this, nobody can say whether the robot is stable
 
 seeds = st.integers(0, 2**32 - 1)
@@ -31,6 +34,18 @@ def row_of(modes: Sequence[int], task: int = 0, slip: Slip = NO_SLIP) -> Row:
     """What a replay needs of an episode's row."""
     text = " ".join(map(str, modes))
     return {"task": task, "modes": text, "slip_m": slip[0], "slip_rad": slip[1]}
+
+
+def mirrored(state: SnakeState, params: SnakeParams = PAPER) -> SnakeState:
+    """The robot's mirror image."""
+    x, y, heading = state.w - params.w_d
+    return state.replace(
+        w=np.array([x, -y, -heading]) + params.w_d,
+        phi=-state.phi,
+        target=-state.target,
+        ref_start=-state.ref_start,
+        last_turn=-state.last_turn,
+    )
 
 
 def straight_state(params: SnakeParams = PAPER) -> SnakeState:
@@ -64,6 +79,10 @@ def random_state(
         ref_start=float(phi[phase - 1] + 0.05 * rng.normal()),
         elapsed=float(rng.uniform(0.0, 100.0)),
     )
+
+
+DEADLOCK = random_state(1, NARROW, 7)
+"""No mode is feasible."""
 
 
 def same_state(one: SnakeState, other: SnakeState) -> bool:
