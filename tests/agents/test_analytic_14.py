@@ -1,9 +1,6 @@
 """``python -m agents.analytic_14``: the candidates of the policy, counted from episodes."""
 
 import json
-import os
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -12,7 +9,8 @@ import pytest
 from agents.analytic_14 import choices
 from snake_env.modes import mode_table
 from snake_env.sim.tasks import random_suite
-from tests.support import HANGS_S, ROOT
+from tests.support import ROOT
+from tests.support.commands import python
 from tests.support.robots import PAPER, run_episode, sim_1_episode, straight_state
 
 COMMITTED = ROOT / "snake_env" / "policies" / "analytic_14.json"
@@ -20,11 +18,8 @@ COMMITTED = ROOT / "snake_env" / "policies" / "analytic_14.json"
 
 def _run(out: Path, tasks: str, size: int) -> dict[str, object]:
     before = COMMITTED.read_bytes()
-    subprocess.run(
-        [sys.executable, "-m", "agents.analytic_14", "--tasks", tasks, "--size", str(size),
-         "--workers", "2", "--out", str(out)],
-        cwd=ROOT, check=True, capture_output=True, env={**os.environ}, timeout=HANGS_S,
-    )  # fmt: skip
+    options = ("--tasks", tasks, "--size", size, "--workers", 2, "--out", out)
+    python("-m", "agents.analytic_14", *options)
     assert COMMITTED.read_bytes() == before
     return json.loads(out.read_text())
 

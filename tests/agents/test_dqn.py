@@ -19,20 +19,12 @@ from snake_env.networks.model_file import PREFERENCE
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import SnakeVecEnv
-from tests.support.models import model_of
+from tests.support.models import model_of, same_network
 
 SETTINGS = Settings(
-    hidden=(12,),
-    num_envs=4,
-    buffer_size=400,
-    learning_starts=64,
-    n_steps=8,
-    target_update=96,
-    batch_size=16,
-    gradient_steps=3,
-    anchor=0.0,
-    ema_rate=0.3,
-)
+    hidden=(12,), num_envs=4, buffer_size=400, learning_starts=64, n_steps=8, target_update=96,
+    batch_size=16, gradient_steps=3, anchor=0.0, ema_rate=0.3,
+)  # fmt: skip
 
 FLOOR = -3.0  # success 1, less 0.1 for each of 40 intervals
 
@@ -236,7 +228,5 @@ def test_restored__it_goes_on_as_if_nothing_had_happened(anchor: float, begun: i
     assert (through.model.anchor is None) == (second.model.anchor is None) == (anchor == 0.0)
     told, again = (each.model.policy.state_dict() for each in (through, second))
     assert all(torch.equal(told[name], again[name]) for name in told)
-    one, other = through.network(), second.network()
-    for a, b in zip(one.weights, other.weights, strict=True):
-        assert np.array_equal(a, b)
+    assert same_network(through.network(), second.network())
     assert not _same(first.model, second.model)

@@ -1,6 +1,5 @@
 """Imitation of a teacher's costs, and what becomes of its models."""
 
-import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -19,8 +18,11 @@ from snake_env.policies.value import PhaseValue, pretrained
 from snake_env.sim.observation import observe
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import StateBatch
+from tests.support.commands import Command, read_csv
+from tests.support.models import same_network
 from train.__main__ import main
 
+TRAIN = Command(main)
 PARAMS = SnakeParams()
 SMALL = (
     "--rounds 2 --decisions 8192 --hidden 64 64 --epochs 10 --last-epochs 10 --batch-size 256 "
@@ -90,8 +92,7 @@ def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
 
 
 def log(run: Path) -> list[dict[str, str]]:
-    with (run / "log.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return read_csv(run / "log.csv")
 
 
 @pytest.fixture(scope="module")
@@ -123,18 +124,14 @@ def test_imitate__beats_random_choices(run: Path) -> None:
 
 
 def test_value__is_needed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["imitate", "--out", str(tmp_path / "run")]) == 2
-    err = capfd.readouterr().err
-    assert "--value" in err
-    assert err.count("\n") == 1
+    assert "--value" in TRAIN.refusal(capfd, "imitate", "--out", tmp_path / "run")
 
 
 def test_value__of_another_kind_is_refused(
     run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["imitate", "--value", str(run / "last.safetensors"), "--out", str(tmp_path / "run")]
-    assert main(words) == 2
-    assert capfd.readouterr().err == "error: model.kind = 'policy': expected value\n"
+    words = ("imitate", "--value", run / "last.safetensors", "--out", tmp_path / "run")
+    assert TRAIN.refusal(capfd, *words) == "model.kind = 'policy': expected value"
     assert not (tmp_path / "run").exists()
 
 
@@ -160,8 +157,7 @@ def test_imitate__that_was_killed_ends_as_if_nothing_had_happened(
     assert rounds == [0, 1, 1]
     assert log(out) == log(run)
     one, other = (read_model(r / "best.safetensors").network for r in (out, run))
-    for a, b in zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True):
-        np.testing.assert_array_equal(a, b)
+    assert same_network(one, other)
 
 
 def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> None:
@@ -184,43 +180,9 @@ def test_export__writes_model_manifest_and_card(run: Path, tmp_path: Path) -> No
 def test_export__refuses_what_is_no_finished_run(
     run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", str(tmp_path), "--into", str(tmp_path)]) == 2
-    assert "the folder of a run" in capfd.readouterr().err
+    export = ("export", tmp_path, "--into", tmp_path / "into")
+    assert "the folder of a run" in TRAIN.refusal(capfd, *export)
     (tmp_path / "run.json").write_text((run / "run.json").read_text())
-    assert main(["export", str(tmp_path), "--into", str(tmp_path)]) == 2
-    assert "a finished run" in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("content", "hint"),
-    [
-        ("round: 3", "did you mean 'rounds'"),
-        ("rounds: many", "rounds = 'many': expected an integer"),
-        ("- rounds", "a mapping of options"),
-        ("rounds: [", "a YAML file"),
-        ("rounds: 0", "rounds = 0: expected a positive"),
-    ],
-)
-def test_config__with_nonsense_is_refused(
-    content: str, hint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "my.yaml"
-    file.write_text(content)
-    words = ["imitate", "--config", str(file), "--value", "v.safetensors"]
-    assert main([*words, "--out", str(tmp_path / "run")]) == 2
-    err = capfd.readouterr().err
-    assert hint in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
-def test_config__stands_between_defaults_and_flags(tmp_path: Path) -> None:
-    from train.config import parse_with_file
-    from train.imitate import Options
-
-    file = tmp_path / "my.yaml"
-    file.write_text("rounds: 7\nhidden: [5, 6]\nviolation: 1\nseed: 3\nvalue: a.safetensors\n")
-    options = parse_with_file(Options, "imitate", ["--config", str(file), "--seed", "4"])
-    assert (options.rounds, options.fit.hidden, options.fit.violation) == (7, (5, 6), 1.0)
-    assert (options.run.seed, options.value) == (4, Path("a.safetensors"))
-    assert options.overweight == Options(Path()).overweight
+    told = "a finished run: train writes best.safetensors at every validation that is better"
+    assert told in TRAIN.refusal(capfd, *export)
+    assert not (tmp_path / "into").exists()

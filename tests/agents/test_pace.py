@@ -5,10 +5,10 @@ import pytest
 
 from agents.imitate import action_values
 from agents.pace import failure_cost, failure_value
-from evaluate.protocol import Shard, run_shard
 from snake_env.envs.reward import RewardWeights
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import load_tasks
+from tests.support.evaluations import evaluated
 from tests.support.robots import PAPER
 
 
@@ -16,8 +16,7 @@ from tests.support.robots import PAPER
 def test_failure__is_twice_what_the_optimiser_needs(preset: str) -> None:
     params = SnakeParams.preset(preset)
     suite = load_tasks("random:32:1", params)
-    states = [suite.initial(task, params) for task in range(32)]
-    rows = run_shard(Shard("analytic", list(range(32)), states, params))
+    rows = evaluated("analytic", suite, params)
     needed = [row["intervals"] for row in rows if row["outcome"] == "success"]
     assert failure_cost(params) == max(30.0, 2.0 * np.median(needed))
 

@@ -7,32 +7,17 @@ import pytest
 
 from agents.labels import STATE_FIELDS, Decisions
 from agents.pace import failure_cost
-from agents.teacher import (
-    FEW,
-    Visit,
-    collect,
-    label,
-)
+from agents.teacher import FEW, Visit, collect, label
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import (
-    CanonicalNetwork,
-    SymmetricNetwork,
-    canonical_sign_index,
-    mirror,
-)
 from snake_env.params import SnakeParams
 from snake_env.policies.value import PhaseValue, network_value, pretrained
 from snake_env.sim.masks import action_masks
-from snake_env.sim.observation import observation_rows, observation_size, observe
+from snake_env.sim.observation import observation_size
 from snake_env.sim.simulation import advance, predict
 from snake_env.state import SnakeState, StateBatch
 from tests.support.models import model_of
-from tests.support.robots import PAPER, random_state, same_state
-
-FIVE = SnakeParams(n_joints=5)
-NARROW = SnakeParams.preset("narrow")
-BLOCKED = random_state(1, NARROW, 7)  # no mode is feasible
+from tests.support.robots import DEADLOCK, FIVE, NARROW, PAPER, random_state, same_state
 
 
 def _student(n_joints: int, highest: bool) -> Network:
@@ -71,17 +56,6 @@ def _same(one: Decisions, other: Decisions) -> bool:
     )
 
 
-def _mirrored(state: SnakeState, params: SnakeParams) -> SnakeState:
-    """The robot's mirror image, written down once more."""
-    return state.replace(
-        w=np.array([state.w[0], -state.w[1], 2.0 * params.w_d[2] - state.w[2]]),
-        phi=-state.phi,
-        target=-state.target,
-        ref_start=-state.ref_start,
-        last_turn=-state.last_turn,
-    )
-
-
 @pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
 def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
     n = params.n_joints
@@ -110,86 +84,6 @@ def _after(state: SnakeState, params: SnakeParams) -> dict[int, SnakeState]:
     return {int(mode): advance(state, int(mode), params)[0] for mode in feasible}
 
 
-def _moved(seed: int, params: SnakeParams) -> SnakeState:
-    """A state with a last mode and a last turn."""
-    state = random_state(seed, params, 1 + seed % params.n_joints, head_error=0.05)
-    valid = mode_table(params.n_joints).valid(state.phase)
-    return advance(state, int(valid[seed % len(valid)]), params)[0]
-
-
-@pytest.mark.parametrize(
-    "params", [FIVE, PAPER, SnakeParams(n_joints=9), NARROW], ids=["5", "8", "9", "narrow"]
-)
-def test_mirror__is_the_observation_of_the_mirrored_robot(params: SnakeParams) -> None:
-    states = [_moved(seed, params) for seed in range(30)]
-    mirrored = [_mirrored(state, params) for state in states]
-    order, sign = mirror(params.n_joints)
-    one = observe(StateBatch.stack(states), params)
-    other = observe(StateBatch.stack(mirrored), params)
-    assert np.abs(one[:, order] * sign - other).max() < 1e-6
-    assert np.abs(one - other).max(axis=0).astype(bool).sum() > len(sign) / 2
-
-
-@pytest.mark.parametrize("hidden", [[], [11], [11, 7]])
-@pytest.mark.parametrize("n_joints", [5, 8])
-def test_symmetric_network__is_the_mean_of_what_both_images_get(
-    n_joints: int, hidden: list[int]
-) -> None:
-    sizes = [observation_size(n_joints), *hidden, 4]
-    rng = np.random.default_rng(len(hidden))
-    network = Network(
-        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
-        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
-    )
-    order, sign = mirror(n_joints)
-    x = rng.uniform(-1.0, 1.0, (6, sizes[0])).astype(np.float32)
-    symmetric = SymmetricNetwork(network, n_joints)
-    mean = 0.5 * (network(x) + network(x[:, order] * sign))
-    np.testing.assert_allclose(symmetric(x), mean, atol=1e-5)
-    np.testing.assert_allclose(symmetric(x), symmetric(x[:, order] * sign), atol=1e-5)
-    np.testing.assert_allclose(symmetric(x[:1]), mean[:1], atol=1e-5)
-
-
-@pytest.mark.parametrize("n_joints", [5, 8])
-def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negative(
-    n_joints: int,
-) -> None:
-    sizes = [observation_size(n_joints), 7, 4]
-    rng = np.random.default_rng(0)
-    network = Network(
-        [rng.normal(0.0, 0.2, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
-        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
-    )
-    order, sign = mirror(n_joints)
-    asked = CanonicalNetwork(network, n_joints)
-    last = [name for name, size in observation_rows(n_joints) for _ in range(size)]
-    last_target = len(last) - 1 - last[::-1].index("target")
-    assert canonical_sign_index(sizes[0]) == last_target
-    x = rng.uniform(-1.0, 1.0, (8, sizes[0])).astype(np.float32)
-    x[0, last_target] = 0.0
-    images = x[:, order] * sign
-    left = x[:, last_target] >= 0.0
-    assert 2 <= left.sum() <= 6
-    wanted = network(np.where(left[:, None], x, images))
-    assert not np.allclose(wanted, network(x), atol=1e-2)
-    np.testing.assert_allclose(asked(x), wanted, atol=1e-5)
-    for same_side in (x[left][1:], x[~left]):  # as in one episode; at 0 it is both images
-        np.testing.assert_allclose(asked(same_side), asked(same_side[:, order] * sign), atol=1e-5)
-    np.testing.assert_allclose(asked(x[left]), wanted[left], atol=1e-5)
-    np.testing.assert_allclose(asked(x[~left]), wanted[~left], atol=1e-5)
-    assert asked(x[:0]).shape == (0, 4)
-
-
-@pytest.mark.parametrize("n_joints", [5, 8, 9, 16])
-def test_mirror__twice_is_nothing(n_joints: int) -> None:
-    order, sign = mirror(n_joints)
-    x = np.random.default_rng(0).normal(size=(3, observation_size(n_joints))).astype(np.float32)
-    assert order.shape == sign.shape == x.shape[1:]
-    once = x[:, order] * sign
-    assert not np.array_equal(once, x)
-    assert np.array_equal(once[:, order] * sign, x)
-
-
 def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
     """Against one state at a time; nothing costs more than a failure, nor less than the interval."""
     value = network_value(_value(8), PAPER)
@@ -213,7 +107,7 @@ def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
 
 
 def test_judge__of_a_deadlock_finds_nothing() -> None:
-    decisions = label(StateBatch.stack([BLOCKED] * 2), PhaseValue(NARROW), NARROW)
+    decisions = label(StateBatch.stack([DEADLOCK] * 2), PhaseValue(NARROW), NARROW)
     assert not decisions.feasible.any()
     assert np.isinf(decisions.cost_to_go).all()
     assert len(decisions) == 2

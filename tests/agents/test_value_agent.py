@@ -10,15 +10,14 @@ from agents.pace import failure_cost
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError, UnknownNameError
-from snake_env.params import SnakeParams
 from snake_env.policies.one_step import ValuePolicy
 from snake_env.policies.value import PhaseValue
 from snake_env.sim.observation import observe
 from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import SnakeState, StateBatch
+from tests.support.robots import FIVE
 
-FIVE = SnakeParams(n_joints=5)
 FAILURE = failure_cost(FIVE)
 SHARD = Play(seed=3, generation=1, part=2, count=64, network=None, trace_decay=1.0, params=FIVE)
 

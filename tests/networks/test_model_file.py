@@ -3,14 +3,10 @@
 import contextlib
 import dataclasses
 import hashlib
-import itertools
 import json
 import pickle
 import struct
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +20,14 @@ from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
 from snake_env.networks import model_file
 from snake_env.networks.model_file import Model, _digest, _split, read_model, write_model
-from snake_env.networks.network import Activation, Network
+from snake_env.networks.network import Activation
 from snake_env.networks.symmetry import Images, mirror
 from snake_env.params import SnakeParams
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.sim.observation import observation_size, observe
-from tests.support import ROOT
+from tests.support.commands import python
+from tests.support.damage import PickleBomb
+from tests.support.models import random_network, same_network
 from tests.support.robots import PAPER, random_state
 
 MADE = {"command": "python -m train value", "generation": 3, "note": "\u00e9 and \u2028"}
@@ -37,13 +35,8 @@ SIZES = [observation_size(8), 6, 5, 1]
 
 
 def _model(kind: str = "value", n_joints: int = 8, hidden: tuple[int, ...] = (6, 5)) -> Model:
-    rng = np.random.default_rng(n_joints)
     outputs = 1 if kind == "value" else len(mode_table(n_joints))
-    pairs = list(itertools.pairwise([observation_size(n_joints), *hidden, outputs]))
-    network = Network(
-        [rng.normal(size=pair).astype(np.float32) for pair in pairs],
-        [rng.normal(size=pair[1]).astype(np.float32) for pair in pairs],
-    )
+    network = random_network([observation_size(n_joints), *hidden, outputs], n_joints)
     return Model(kind, SnakeParams(n_joints=n_joints), network, MADE)  # type: ignore[arg-type]
 
 
@@ -106,9 +99,7 @@ def test_model__is_read_as_it_was_written(
     again = read_model(path)
     assert (again.kind, again.params, again.made) == (kind, model.params, MADE)
     assert again.network.sizes == model.network.sizes
-    for name in ("weights", "biases"):
-        pairs = zip(getattr(again.network, name), getattr(model.network, name), strict=True)
-        assert all(np.array_equal(one, other) for one, other in pairs)
+    assert same_network(again.network, model.network)
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["a.model.safetensors"]
 
 
@@ -127,7 +118,7 @@ def test_model__is_the_same_file_each_time(path: Path, tmp_path: Path) -> None:
     )
     for k in range(2):  # strings hash otherwise in each process
         other = tmp_path / f"{k}.safetensors"
-        subprocess.run([sys.executable, "-c", program, str(other)], check=True, cwd=ROOT)
+        python("-c", program, other)
         assert other.read_bytes() == path.read_bytes()
 
 
@@ -283,19 +274,9 @@ def test_path_without_a_model__is_refused(
         read_model(Path(name))
 
 
-class _Bomb:
-    """Leaves a trace where it is unpickled."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[Path]]:
-        return Path.touch, (self.path,)
-
-
 def test_pickle__is_never_loaded(path: Path, tmp_path: Path) -> None:
     trace = tmp_path / "trace"
-    data = pickle.dumps(_Bomb(trace))
+    data = pickle.dumps(PickleBomb(trace))
     for content in (
         data,
         _crafted({"__metadata__": {"manifest": repr(data)}}, b""),
@@ -491,8 +472,7 @@ def test_damaged_file__is_refused_or_the_same_model(kind: str, place: float, byt
             return
         good = _model()  # a space in the header may be lost: what counts is the same
         assert (model.kind, model.params, model.made) == (good.kind, good.params, good.made)
-        for one, other in zip(model.network.weights, good.network.weights, strict=True):
-            assert np.array_equal(one, other)
+        assert same_network(model.network, good.network)
 
 
 @settings(max_examples=100)

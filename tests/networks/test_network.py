@@ -1,7 +1,6 @@
 """The NumPy network: its formula, and what it has in common with PyTorch's."""
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -14,17 +13,9 @@ from agents.mlp import build, from_numpy, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.network import ACTIVATIONS, Activation, Network
 from snake_env.sb3.model_writer import linear_layers
+from tests.support.models import random_network, same_network
 
 sizes = st.lists(st.integers(1, 40), min_size=2, max_size=5)
-
-
-def _network(layers: list[int], seed: int) -> Network:
-    rng = np.random.default_rng(seed)
-    pairs = list(itertools.pairwise(layers))
-    return Network(
-        [rng.normal(0.0, a**-0.5, (a, b)).astype(np.float32) for a, b in pairs],
-        [rng.normal(size=b).astype(np.float32) for _, b in pairs],
-    )
 
 
 def _inputs(layers: list[int], seed: int, rows: int = 7) -> np.ndarray:
@@ -61,7 +52,7 @@ def test_network__without_hidden_layers_is_linear_and_may_be_negative() -> None:
 
 @given(sizes, st.integers(0, 99), st.sampled_from(ACTIVATIONS))
 def test_network__is_its_formula(layers: list[int], seed: int, activation: Activation) -> None:
-    network = dataclasses.replace(_network(layers, seed), activation=activation)
+    network = dataclasses.replace(random_network(layers, seed, scale=None), activation=activation)
     for x in _inputs(layers, seed, rows=2):
         assert network(x) == pytest.approx(np.array(_formula(network, x)), rel=1e-5, abs=1e-5)
 
@@ -82,18 +73,16 @@ def test_network__is_torchs(layers: list[int], seed: int) -> None:
 
 @given(sizes, st.integers(0, 99))
 def test_network__goes_to_torch_and_back_to_the_bit(layers: list[int], seed: int) -> None:
-    network = _network(layers, seed)
+    network = random_network(layers, seed, scale=None)
     back = to_numpy(linear_layers(from_numpy(network)))
     assert network.sizes == back.sizes == layers
-    for name in ("weights", "biases"):
-        for one, other in zip(getattr(network, name), getattr(back, name), strict=True):
-            assert np.array_equal(one, other)
-            assert other.dtype == np.float32
+    assert same_network(network, back)
+    assert {array.dtype for array in (*back.weights, *back.biases)} == {np.dtype(np.float32)}
 
 
 @given(sizes, st.integers(0, 99))
 def test_network__gives_one_input_what_it_gives_many(layers: list[int], seed: int) -> None:
-    network, x = _network(layers, seed), _inputs(layers, seed)
+    network, x = random_network(layers, seed, scale=None), _inputs(layers, seed)
     before = x.copy()
     many = network(x)
     assert many.shape == (7, layers[-1])
@@ -115,7 +104,7 @@ def test_to_numpy__copies() -> None:
 
 
 def test_from_numpy__copies() -> None:
-    network = _network([3, 4, 2], 0)
+    network = random_network([3, 4, 2], 0, scale=None)
     before = [array.copy() for array in (*network.weights, *network.biases)]
     with torch.no_grad():
         for parameter in from_numpy(network).parameters():
@@ -127,8 +116,8 @@ def test_from_numpy__copies() -> None:
 def test_load_weights__refuses_a_network_of_other_sizes() -> None:
     layers = linear_layers(build([3, 4, 2]))
     before = [array.copy() for array in to_numpy(layers).weights]
-    load_weights(layers, _network([3, 4, 2], 0))
+    load_weights(layers, random_network([3, 4, 2], 0, scale=None))
     assert not any(map(np.array_equal, to_numpy(layers).weights, before))
     for sizes in ([3, 5, 2], [3, 4, 4, 2], [3, 2], [2, 4, 2]):
         with pytest.raises(InvalidInputError, match=r"^hidden = \[4\]: expected .*the network's"):
-            load_weights(layers, _network(sizes, 0))
+            load_weights(layers, random_network(sizes, 0, scale=None))

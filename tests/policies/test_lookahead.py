@@ -1,34 +1,29 @@
 """The planner: it follows its plan, replans only when disturbed, and is never worse than (21)."""
 
 import math
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from snake_env.errors import InvalidInputError, UnknownNameError
 from snake_env.modes import mode_table
-from snake_env.networks.model_file import Model, read_model
-from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.lookahead import FAILURES, LookaheadPolicy
-from snake_env.policies.one_step import ValuePolicy
 from snake_env.policies.registry import load_policy
-from snake_env.policies.search import expand
-from snake_env.policies.value import NetworkValue, PhaseValue, ValueFunction
-from snake_env.sim.observation import observation_rows, observation_size
+from snake_env.policies.value import PhaseValue
 from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import random_suite
-from snake_env.state import FloatArray, SnakeState, StateBatch
-from tests.support.robots import PAPER, random_state, straight_state
-
-FIVE = SnakeParams(n_joints=5)
-HARDWARE = SnakeParams.preset("hardware")
-NARROW = SnakeParams.preset("narrow")
-PRETRAINED = Path(str(files("snake_env") / "pretrained"))
-HOPELESS = random_state(1, NARROW, 7)  # no mode is feasible
+from snake_env.state import SnakeState
+from tests.support.robots import (
+    DEADLOCK,
+    FIVE,
+    HARDWARE,
+    NARROW,
+    PAPER,
+    random_state,
+    straight_state,
+)
 
 
 def _planner(params: SnakeParams = PAPER, **options: float) -> LookaheadPolicy:
@@ -177,20 +172,20 @@ def test_lookahead__does_not_search_in_vain_again() -> None:
         return policy.rollouts - before
 
     def moved(by: float) -> SnakeState:
-        return HOPELESS.replace(phi=HOPELESS.phi - np.eye(8)[4] * by)
+        return DEADLOCK.replace(phi=DEADLOCK.phi - np.eye(8)[4] * by)
 
-    first = spent(HOPELESS)
+    first = spent(DEADLOCK)
     assert first > 2
-    assert [spent(HOPELESS), spent(HOPELESS)] == [2, 2]  # (21) alone: the phase allows two modes
+    assert [spent(DEADLOCK), spent(DEADLOCK)] == [2, 2]  # (21) alone: the phase allows two modes
     searched = [spent(moved(0.002 * k)) > 2 for k in range(1, FAILURES + 2)]
     assert searched == [True] * (FAILURES - 1) + [False] * 2  # given up
     policy.reset()
-    assert spent(HOPELESS) == first
+    assert spent(DEADLOCK) == first
 
 
 def test_lookahead__does_what_21_does_where_nothing_works() -> None:
     analytic = load_policy("analytic", NARROW)
-    assert _planner(NARROW).select_mode(HOPELESS) == analytic.select_mode(HOPELESS)
+    assert _planner(NARROW).select_mode(DEADLOCK) == analytic.select_mode(DEADLOCK)
 
 
 @pytest.mark.parametrize("params", [PAPER, NARROW])
@@ -291,78 +286,3 @@ def test_option_string__with_an_unknown_name_gets_a_suggestion(text: str, messag
 def test_option_string__with_a_bad_value_is_refused(options: str, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         load_policy(f"lookahead:{options}")
-
-
-@pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
-def test_value__takes_the_mode_whose_successor_is_worth_most(params: SnakeParams) -> None:
-    chosen = set()
-    value: ValueFunction = PhaseValue(params)
-    if params.n_joints == 8:
-        name = "value" if params.head_contact else "value-narrow"
-        value = NetworkValue(read_model(PRETRAINED / f"{name}.safetensors"), params)
-    for seed in range(16):
-        state = random_state(seed, params)
-        worth = {}
-        for mode in mode_table(params.n_joints).valid(state.phase):
-            after, prediction = advance(state, int(mode), params)
-            if prediction.feasible[0]:
-                worth[int(mode)] = float(value(StateBatch.stack([after]))[0])
-        if not worth:
-            continue
-        policy = load_policy("value", params)
-        mode = policy.select_mode(state)
-        assert worth[mode] == pytest.approx(min(worth.values()), abs=1e-4)
-        assert policy.rollouts == len(mode_table(params.n_joints).valid(state.phase))
-        chosen.add(mode)
-    assert len(chosen) >= 4
-
-
-def test_value__takes_any_function_and_of_equals_the_first() -> None:
-    state = random_state(0, PAPER, 3)
-    valid = mode_table(8).valid(3)
-    feasible = valid[predict(state, valid, PAPER).feasible]
-    assert len(feasible) > 2
-    first = ValuePolicy(PAPER, lambda states: np.ones(len(states)))
-    last = ValuePolicy(PAPER, lambda states: -states.last_mode.astype(float))
-    assert first.select_mode(state) == feasible[0]
-    assert last.select_mode(state) == feasible[-1]
-
-
-def test_value__asks_nobody_where_one_mode_is_feasible() -> None:
-    def unasked(states: StateBatch) -> FloatArray:
-        raise AssertionError
-
-    policy, state = ValuePolicy(PAPER, unasked), random_state(2, PAPER, 8)
-    valid = mode_table(8).valid(8)
-    assert predict(state, valid, PAPER).feasible.tolist() == [True]
-    assert policy.select_mode(state) == valid[0]
-    assert policy.rollouts == 1
-
-
-def test_value__holds_out_longest_where_nothing_is_feasible() -> None:
-    modes = mode_table(8).valid(7)
-    duration = predict(HOPELESS, modes, NARROW).duration
-    policy = load_policy("value", NARROW)
-    assert policy.select_mode(HOPELESS) == modes[np.argmax(duration)]
-
-
-def test_value__does_not_stand_still_where_it_can_move() -> None:
-    size = observation_size(8)
-    names = [name for name, count in observation_rows(8) for _ in range(count)]
-    first = np.zeros((size, 2), dtype=np.float32)
-    first[names.index("last_turn")] = 1.0, -1.0  # by two rectifiers: the size of the SCP's turn
-    network = Network(
-        [first, np.ones((2, 1), np.float32)], [np.zeros(2, np.float32), np.zeros(1, np.float32)]
-    )
-    policy = ValuePolicy(PAPER, NetworkValue(Model("value", PAPER, network), PAPER))
-    avoided = 0
-    for seed in range(60):
-        state = random_state(seed, PAPER, 1)
-        state = state.replace(phi=np.append(state.phi[:-1], np.copysign(np.pi / 2, state.phi[-1])))
-        tree = expand(StateBatch.stack([state]), PAPER)
-        turn = np.abs(tree.states.phi - state.phi).max(axis=1, initial=0.0)
-        if not (turn >= 0.01).any():
-            continue
-        assert turn[tree.mode.tolist().index(policy.select_mode(state))] >= 0.01
-        avoided += int(turn[np.abs(tree.states.last_turn).argmin()] < 0.01)
-    assert avoided >= 3

@@ -18,7 +18,7 @@ from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks
 from tests.support.models import model_of
-from tests.support.robots import straight_state
+from tests.support.robots import mirrored, straight_state
 
 PARAMS = SnakeParams()
 SUITE = load_tasks("random:40:9", PARAMS)
@@ -34,15 +34,7 @@ def preferring(order: list[int]) -> Model:
 def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
     """What the network says of the images that its model names; and the mask."""
     observation, mask = observe_one(state, PARAMS)
-    x, y, theta = state.w - PARAMS.w_d
-    mirrored = state.replace(
-        w=np.array([x, -y, -theta]) + PARAMS.w_d,
-        phi=-state.phi,
-        target=-state.target,
-        ref_start=-state.ref_start,
-        last_turn=-state.last_turn,
-    )
-    image, _ = observe_one(mirrored, PARAMS)
+    image, _ = observe_one(mirrored(state), PARAMS)
     if model.images == "both":
         return model.network(observation) + model.network(image), mask
     return model.network(observation if state.target[-1] >= 0.0 else image), mask
@@ -82,9 +74,8 @@ def test_ranking__comes_in_order_where_all_are_simulated_anyway() -> None:
 @pytest.mark.parametrize("task", range(10))
 def test_choice__is_that_of_the_mirrored_robot(task: int, images: Images) -> None:
     state = SUITE.initial(task, PARAMS)
-    mirrored = SnakeState.initial(-state.phi, -state.target, PARAMS)
     model = dataclasses.replace(model_of(task), images=images)
-    one, other = (NetworkPolicy(PARAMS, model).select_mode(s) for s in (state, mirrored))
+    one, other = (NetworkPolicy(PARAMS, model).select_mode(s) for s in (state, mirrored(state)))
     assert one == other
 
 

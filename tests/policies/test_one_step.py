@@ -1,4 +1,4 @@
-"""+critic: simulate the favourites, drop what can't be executed or leads nowhere, take the best."""
+"""One-step policies: +critic among a policy's favourites, and the value of every feasible mode."""
 
 import dataclasses
 from collections.abc import Callable
@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from snake_env import (
-    InvalidInputError,
-    SnakeParams,
-    SnakeState,
-    UnknownNameError,
-    load_policy,
-)
+from snake_env import InvalidInputError, SnakeParams, SnakeState, UnknownNameError, load_policy
 from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
@@ -23,6 +17,7 @@ from snake_env.networks.symmetry import Images
 from snake_env.policies import one_step
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CREEPING, Choice, CriticPolicy, ValuePolicy, best_mode
+from snake_env.policies.search import expand
 from snake_env.policies.value import (
     ActionValue,
     NetworkValue,
@@ -31,14 +26,15 @@ from snake_env.policies.value import (
     load_value,
 )
 from snake_env.sim import optimizer
-from snake_env.sim.observation import observation_size
-from snake_env.sim.simulation import predict
+from snake_env.sim.observation import observation_rows, observation_size
+from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks
-from snake_env.state import StateBatch
+from snake_env.state import FloatArray, StateBatch
 from tests.support.models import model_of
 from tests.support.plus_critic import plus_critic
-from tests.support.robots import random_state
+from tests.support.robots import DEADLOCK, FIVE, NARROW, PAPER, random_state
 
+PRETRAINED = Path(str(files("snake_env") / "pretrained"))
 ROBOTS = {
     "paper": SnakeParams(),
     "narrow": SnakeParams.preset("narrow"),
@@ -133,11 +129,12 @@ def test_critic__looks_further_where_the_favourites_lead_nowhere(
         for k in (1, 2, 8):
             ranked = NetworkPolicy(params, model).ranking(state, unless=k)
             told = plus_critic(state, ranked, value, params, k)
-            policy = CriticPolicy(NetworkPolicy(params, model), value, params, k)
+            given = () if k == 8 else (k,)  # 8 is the default
+            policy = CriticPolicy(NetworkPolicy(params, model), value, params, *given)
             assert _decided(policy, state, lanes) == (told.mode, told.simulated)
             rules.add(told.rule)
     assert rules | {"last resort"} == {
-        *("favourites", "next favourites", "others", "leads nowhere", "last resort", "no choice"),
+        *("favourites", "next favourites", "others", "leads nowhere", "last resort", "no choice")
     }
 
 
@@ -214,17 +211,6 @@ def test_critic__with_all_modes_as_favourites_is_the_value_policy(robot: str) ->
             assert policy.select_mode(state) == ValuePolicy(params, value).select_mode(state)
 
 
-def test_critic__needs_no_network() -> None:
-    params = ROBOTS["six"]
-    value, model = PhaseValue(params), _of(params, "policy", 1)
-    policy = CriticPolicy(NetworkPolicy(params, model), value, params)
-    for seed in range(10):
-        state = random_state(seed, params)
-        ranked = NetworkPolicy(params, model).ranking(state, unless=8)
-        policy.reset()
-        assert policy.select_mode(state) == plus_critic(state, ranked, value, params, 8).mode
-
-
 def test_standing_still__the_critic_does_not_repeat_what_it_executed() -> None:
     params = ROBOTS["paper"]
     state = load_tasks("random:1:9", params).initial(0, params)
@@ -283,9 +269,8 @@ def test_model_file__without_a_critic_ranks_by_its_own_action_values(tmp_path: P
 def test_shipped_policies__use_the_value_network_of_their_robot(preset: str) -> None:
     params = SnakeParams.preset(preset)
     suffix = "" if preset == "paper" else f"-{preset}"
-    folder = Path(str(files("snake_env"))) / "pretrained"
-    given = read_model(folder / f"value{suffix}.safetensors")
-    model = read_model(folder / f"ppo{suffix}.safetensors")
+    given = read_model(PRETRAINED / f"value{suffix}.safetensors")
+    model = read_model(PRETRAINED / f"ppo{suffix}.safetensors")
     value, policy = NetworkValue(given, params), load_policy("ppo+critic:k=4", params)
     for seed in range(20):
         state = random_state(seed, params)
@@ -320,3 +305,78 @@ def test_names__that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(error, match=message):
         load_policy(name)
+
+
+@pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
+def test_value__takes_the_mode_whose_successor_is_worth_most(params: SnakeParams) -> None:
+    chosen = set()
+    value: ValueFunction = PhaseValue(params)
+    if params.n_joints == 8:
+        name = "value" if params.head_contact else "value-narrow"
+        value = NetworkValue(read_model(PRETRAINED / f"{name}.safetensors"), params)
+    for seed in range(16):
+        state = random_state(seed, params)
+        worth = {}
+        for mode in mode_table(params.n_joints).valid(state.phase):
+            after, prediction = advance(state, int(mode), params)
+            if prediction.feasible[0]:
+                worth[int(mode)] = float(value(StateBatch.stack([after]))[0])
+        if not worth:
+            continue
+        policy = load_policy("value", params)
+        mode = policy.select_mode(state)
+        assert worth[mode] == pytest.approx(min(worth.values()), abs=1e-4)
+        assert policy.rollouts == len(mode_table(params.n_joints).valid(state.phase))
+        chosen.add(mode)
+    assert len(chosen) >= 4
+
+
+def test_value__takes_any_function_and_of_equals_the_first() -> None:
+    state = random_state(0, PAPER, 3)
+    valid = mode_table(8).valid(3)
+    feasible = valid[predict(state, valid, PAPER).feasible]
+    assert len(feasible) > 2
+    first = ValuePolicy(PAPER, lambda states: np.ones(len(states)))
+    last = ValuePolicy(PAPER, lambda states: -states.last_mode.astype(float))
+    assert first.select_mode(state) == feasible[0]
+    assert last.select_mode(state) == feasible[-1]
+
+
+def test_value__asks_nobody_where_one_mode_is_feasible() -> None:
+    def unasked(states: StateBatch) -> FloatArray:
+        raise AssertionError
+
+    policy, state = ValuePolicy(PAPER, unasked), random_state(2, PAPER, 8)
+    valid = mode_table(8).valid(8)
+    assert predict(state, valid, PAPER).feasible.tolist() == [True]
+    assert policy.select_mode(state) == valid[0]
+    assert policy.rollouts == 1
+
+
+def test_value__holds_out_longest_where_nothing_is_feasible() -> None:
+    modes = mode_table(8).valid(7)
+    duration = predict(DEADLOCK, modes, NARROW).duration
+    policy = load_policy("value", NARROW)
+    assert policy.select_mode(DEADLOCK) == modes[np.argmax(duration)]
+
+
+def test_value__does_not_stand_still_where_it_can_move() -> None:
+    size = observation_size(8)
+    names = [name for name, count in observation_rows(8) for _ in range(count)]
+    first = np.zeros((size, 2), dtype=np.float32)
+    first[names.index("last_turn")] = 1.0, -1.0  # by two rectifiers: the size of the SCP's turn
+    network = Network(
+        [first, np.ones((2, 1), np.float32)], [np.zeros(2, np.float32), np.zeros(1, np.float32)]
+    )
+    policy = ValuePolicy(PAPER, NetworkValue(Model("value", PAPER, network), PAPER))
+    avoided = 0
+    for seed in range(60):
+        state = random_state(seed, PAPER, 1)
+        state = state.replace(phi=np.append(state.phi[:-1], np.copysign(np.pi / 2, state.phi[-1])))
+        tree = expand(StateBatch.stack([state]), PAPER)
+        turn = np.abs(tree.states.phi - state.phi).max(axis=1, initial=0.0)
+        if not (turn >= 0.01).any():
+            continue
+        assert turn[tree.mode.tolist().index(policy.select_mode(state))] >= 0.01
+        avoided += int(turn[np.abs(tree.states.last_turn).argmin()] < 0.01)
+    assert avoided >= 3

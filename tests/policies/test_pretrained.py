@@ -2,18 +2,17 @@
 
 import json
 import re
-import subprocess
-import sys
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from evaluate.protocol import Shard, run_shard
 from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import read_model
 from snake_env.sim.observation import observation_size
 from snake_env.sim.tasks import load_tasks
+from tests.support.commands import python
+from tests.support.evaluations import evaluated
 
 FOLDER = Path(str(files("snake_env") / "pretrained"))
 MODELS = sorted(path.stem for path in FOLDER.glob("*.safetensors"))
@@ -61,9 +60,7 @@ def test_policy__solves_nearly_all_that_its_robot_can_do(name: str) -> None:
     robot = _robot(name)
     params = SnakeParams.preset(robot)
     suite = load_tasks("random:60:4711", params)
-    states = [suite.initial(task, params) for task in range(len(suite))]
-    policy = name.partition("-")[0]
-    rows = run_shard(Shard(policy, list(range(len(suite))), states, params))
+    rows = evaluated(name.partition("-")[0], suite, params)
     solved = sum(row["outcome"] == "success" for row in rows) / len(rows)
     assert solved > LEAST[robot]
     assert sum(row["rollouts"] for row in rows) == 0
@@ -76,7 +73,7 @@ def test_policies__need_no_torch() -> None:
         "print([load_policy(n, p).select_mode(s) for n in ('imitate', 'ppo', 'dqn', 'ppo+shield')]);"
         "sys.exit('torch' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = python("-c", code)
     state = load_tasks("sim-1", SnakeParams()).initial(0, SnakeParams())
     names = ("imitate", "ppo", "dqn", "ppo+shield")
     assert json.loads(done.stdout) == [load_policy(name).select_mode(state) for name in names]

@@ -20,6 +20,7 @@ from snake_env.state import SnakeState, StateBatch
 from tests.support import first
 from tests.support.robots import (
     KNIFE_EDGE,
+    NARROW,
     PAPER,
     oracle_interval,
     random_state,
@@ -29,7 +30,6 @@ from tests.support.robots import (
 
 NAMES = ("analytic", "analytic-14", "first-feasible", "random")
 VALID = (99, 57, 31, 16, 8, 4, 2, 1)  # modes that each phase allows
-NARROW = SnakeParams.preset("narrow")
 
 
 @functools.cache

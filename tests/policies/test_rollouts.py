@@ -10,7 +10,7 @@ from snake_env.kernel.blocks import BlockProgram
 from snake_env.kernel.interval import PADDING, Kernel
 from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import load_tasks
-from tests.support.robots import random_state
+from tests.support.robots import NARROW, random_state
 
 POLICIES = (
     *("analytic", "analytic-14", "first-feasible", "random", "value", "lookahead:width=4"),
@@ -18,7 +18,6 @@ POLICIES = (
     *("ppo+shield", "dqn+shield", "imitate+shield", "random+shield", "value+shield"),
     *("ppo+critic", "dqn+critic:k=4", "imitate+critic:k=2"),
 )
-NARROW = SnakeParams.preset("narrow")
 
 
 class _Count:

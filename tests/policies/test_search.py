@@ -22,14 +22,20 @@ from snake_env.policies.value import PhaseValue
 from snake_env.sim.simulation import advance, predict, predict_batch
 from snake_env.sim.tasks import random_suite
 from snake_env.state import FloatArray, SnakeState, StateBatch
-from tests.support.robots import PAPER, random_state, run_episode, same_state, straight_state
+from tests.support.robots import (
+    DEADLOCK,
+    FIVE,
+    HARDWARE,
+    NARROW,
+    PAPER,
+    random_state,
+    run_episode,
+    same_state,
+    straight_state,
+)
 
-FIVE = SnakeParams(n_joints=5)
-HARDWARE = SnakeParams.preset("hardware")
-NARROW = SnakeParams.preset("narrow")
 EVERYTHING = 10**9  # a beam so wide that nothing is left out
 DETOUR = random_suite(2, 3, NARROW).initial(1, NARROW)  # only with noise there is a plan
-BLOCKED = random_state(1, NARROW, 7)  # no feasible mode at all
 
 
 def _start(task: int, params: SnakeParams = PAPER, seed: int = 3) -> SnakeState:
@@ -106,8 +112,8 @@ def test_expand__of_states_without_a_way_on_is_empty() -> None:
     states = StateBatch.stack([straight_state().replace(phase=9)])
     tree = expand(states, PAPER)
     assert (len(tree.mode), len(tree.states), tree.rollouts) == (0, 0, 0)
-    assert not predict(BLOCKED, mode_table(8).valid(7), NARROW).feasible.any()
-    tree = expand(StateBatch.stack([BLOCKED, BLOCKED]), NARROW)
+    assert not predict(DEADLOCK, mode_table(8).valid(7), NARROW).feasible.any()
+    tree = expand(StateBatch.stack([DEADLOCK, DEADLOCK]), NARROW)
     assert (len(tree.mode), len(tree.states), tree.rollouts) == (0, 0, 4)
 
 
@@ -458,6 +464,6 @@ def test_restarts__find_a_way_where_there_is_none_without_noise() -> None:
 
 def test_restarts__end_where_there_is_no_way() -> None:
     budget = Budget()
-    plan = search(BLOCKED, PhaseValue(NARROW), NARROW, width=8, budget=budget, restarts=3)
+    plan = search(DEADLOCK, PhaseValue(NARROW), NARROW, width=8, budget=budget, restarts=3)
     assert plan is None
     assert budget.spent == 2 * (1 + 2 + 3)  # (21), beams of 2 and 8, restarts: 2 modes each

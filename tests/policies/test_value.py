@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from snake_env.errors import InvalidInputError
-from snake_env.modes import mode_table
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import CanonicalNetwork, mirror
@@ -13,18 +12,8 @@ from snake_env.policies.value import ActionValue, NetworkValue, PhaseValue, load
 from snake_env.sim.masks import instant_mask
 from snake_env.sim.observation import observation_size, observe
 from snake_env.state import SnakeState, StateBatch
-from tests.support.models import model_of
+from tests.support.models import model_of, random_network
 from tests.support.robots import PAPER, random_state, straight_state
-
-
-def _network(outputs: int, n_joints: int = 8) -> Network:
-    rng = np.random.default_rng(0)
-    inputs = observation_size(n_joints)
-    weights = [rng.normal(size=(inputs, 4)), rng.normal(size=(4, outputs))]
-    return Network(
-        [weight.astype(np.float32) for weight in weights],
-        [np.ones(4, np.float32), np.ones(outputs, np.float32)],
-    )
 
 
 def test_phase_value__counts_the_phases_left_and_this_ones_error() -> None:
@@ -39,7 +28,7 @@ def test_phase_value__counts_the_phases_left_and_this_ones_error() -> None:
 def test_network_value__is_what_the_network_says_of_an_image_or_0_at_the_target() -> None:
     states = [random_state(seed) for seed in range(6)]
     batch = StateBatch.stack([*states, states[0].replace(phase=9)])
-    network = _network(1)
+    network = random_network([99, 4, 1], 0)
     order, sign = mirror(8)
     seen = observe(batch, PAPER)
     of_state, of_image = (network(x)[:, 0] for x in (seen, seen[:, order] * sign))
@@ -60,16 +49,19 @@ def test_network_value__is_what_the_network_says_of_an_image_or_0_at_the_target(
 
 
 def test_network_value__of_no_states_is_empty() -> None:
-    values = NetworkValue(Model("value", PAPER, _network(1)), PAPER)
+    values = NetworkValue(Model("value", PAPER, random_network([99, 4, 1], 0)), PAPER)
     assert values(StateBatch.stack([random_state(0)]).take([])).shape == (0,)
 
 
 def test_network_value__refuses_policies_and_other_robots() -> None:
-    policy = Model("policy", PAPER, _network(len(mode_table(8))))
+    policy = Model("policy", PAPER, random_network([99, 4, 99], 0))
     with pytest.raises(InvalidInputError, match=r"^model\.kind = 'policy': expected value$"):
         NetworkValue(policy, PAPER)
     with pytest.raises(InvalidInputError, match=r"^n_joints = 8: expected 5"):
-        NetworkValue(Model("value", SnakeParams(n_joints=5), _network(1, 5)), PAPER)
+        NetworkValue(
+            Model("value", SnakeParams(n_joints=5), random_network([observation_size(5), 4, 1], 0)),
+            PAPER,
+        )
 
 
 def _best_return(state: SnakeState, network: Network, params: SnakeParams) -> float:

@@ -21,24 +21,21 @@ from agents.ppo import SHARPNESS, PPOLearner
 from snake_env import load_policy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import PREFERENCE, Model, write_model
-from snake_env.networks.network import Network
-from snake_env.networks.symmetry import (
-    CanonicalNetwork,
-    SymmetricNetwork,
-    joints_observed,
-    mirror,
-)
+from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, joints_observed, mirror
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sb3 import MaskedDQN, SnakeVecEnv
 from snake_env.sb3.images import BothImages, CanonicalImage, MeanOfBoth
 from snake_env.sb3.model_writer import linear_layers
 from snake_env.sim.observation import observation_size
+from tests.support.models import random_network, same_network
 
 PPO_SETTINGS = ppo.Settings(hidden=(16, 8), num_envs=4, n_steps=8, batch_size=16, n_epochs=1)
 DQN_SETTINGS = dqn.Settings(
     hidden=(16, 8), num_envs=4, buffer_size=400, learning_starts=40, batch_size=16
 )
+SIZES = [99, 16, 8, 99]
+"""Of the actors and the Q-networks here."""
 
 
 class _Checked(SnakeVecEnv):
@@ -80,16 +77,6 @@ def q_learner(dqn_learner: DQNLearner) -> MaskedDQN:
 
 def _tensors(observation: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
     return {key: torch.as_tensor(value) for key, value in observation.items()}
-
-
-def _network(seed: int) -> Network:
-    """Random preferences, of the size of the actors and the Q-networks here."""
-    rng = np.random.default_rng(seed)
-    shapes = [(99, 16), (16, 8), (8, 99)]
-    return Network(
-        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
-        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
-    )
 
 
 def test_ppo__never_chooses_a_closed_mode_while_it_learns(env: _Checked, learner: PPO) -> None:
@@ -191,7 +178,7 @@ def either(request: pytest.FixtureRequest, ppo_learner: PPOLearner, dqn_learner:
 
 
 def test_begin__gives_the_policy_the_preferences(either: Learner, env: _Checked) -> None:
-    given = _network(seed=0)
+    given = random_network(SIZES, 0)
     either.begin(given)
     observation = env.reset()
     sharper = SHARPNESS if isinstance(either, PPOLearner) else 1.0
@@ -258,20 +245,6 @@ def test_critic__says_in_intervals_what_ppos_says_in_reward(success: float, time
     np.testing.assert_allclose(canonical, intervals, rtol=1e-4, atol=1e-5)
 
 
-def test_begin_critic__and_critic_are_each_others_inverse(ppo_learner: PPOLearner) -> None:
-    rng = np.random.default_rng(3)
-    sizes = [observation_size(8), *PPO_SETTINGS.critic_hidden, 1]
-    given = Network(
-        [rng.normal(0.0, 0.1, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
-        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
-    )
-    ppo_learner.begin_critic(given)
-    critic = ppo_learner.critic(SnakeParams()).network
-    networks = [(*each.weights, *each.biases) for each in (critic, given)]
-    for learned, begun in zip(*networks, strict=True):
-        np.testing.assert_allclose(learned, begun, rtol=1e-5, atol=1e-5)
-
-
 @pytest.mark.parametrize("ema_rate", [1.0, 0.25])
 def test_restored__ppo_goes_on_as_if_nothing_had_happened(ema_rate: float) -> None:
     settings = dataclasses.replace(PPO_SETTINGS, ema_rate=ema_rate)
@@ -288,8 +261,7 @@ def test_restored__ppo_goes_on_as_if_nothing_had_happened(ema_rate: float) -> No
         learner.learn(192, 6, CallbackList([]), lambda *_: None)
     told, again = (learner.model.policy.state_dict() for learner in (through, second))
     assert all(torch.equal(told[name], again[name]) for name in told)
-    one, other = through.network(), second.network()
-    assert all(np.array_equal(a, b) for a, b in zip(one.weights, other.weights, strict=True))
+    assert same_network(through.network(), second.network())
     assert through.model.num_timesteps == second.model.num_timesteps == 192
 
 
@@ -312,7 +284,7 @@ def test_critic_warmup__leaves_the_preferences_alone(env: _Checked) -> None:
 def test_model_file__prefers_in_numpy_alone_what_sb3_prefers(
     either: Learner, env: _Checked, tmp_path: Path
 ) -> None:
-    either.begin(_network(seed=4))
+    either.begin(random_network(SIZES, 4))
     file = tmp_path / "policy.safetensors"
     write_model(file, Model("policy", SnakeParams(), either.network(), images="both"))
     observation = env.reset()

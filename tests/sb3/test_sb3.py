@@ -77,15 +77,8 @@ def test_mask_in_observation__is_the_mask() -> None:
 @pytest.mark.parametrize("dictionary", [False, True])
 def test_ppo__trains(dictionary: bool) -> None:
     venv = SnakeVecEnv(8, mask_in_observation=dictionary, task_suite="random:4:1")
-    model = PPO(
-        "MultiInputPolicy" if dictionary else "MlpPolicy",
-        venv,
-        n_steps=16,
-        batch_size=64,
-        n_epochs=1,
-        seed=0,
-        device="cpu",
-    )
+    policy = "MultiInputPolicy" if dictionary else "MlpPolicy"
+    model = PPO(policy, venv, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
     before = [p.detach().clone() for p in model.policy.parameters()]
     model.learn(256)
     after = list(model.policy.parameters())
@@ -123,17 +116,15 @@ def test_mask__of_anything_but_0_and_1_is_refused(wrong: float) -> None:
         checked_mask(mask)
 
 
+def _stacked(frames: int) -> VecFrameStack:
+    return VecFrameStack(SnakeVecEnv(2, mask_in_observation=True), frames)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda: VecFrameStack(SnakeVecEnv(2, mask_in_observation=True), 2),
-            "without VecFrameStack",
-        ),
-        (
-            lambda: VecFrameStack(SnakeVecEnv(2, mask_in_observation=True), 4),
-            "without VecFrameStack",
-        ),
+        (lambda: _stacked(2), "without VecFrameStack"),
+        (lambda: _stacked(4), "without VecFrameStack"),
         (lambda: SnakeVecEnv(2), "mask_in_observation=True"),
     ],
 )

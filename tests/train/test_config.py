@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from agents.ppo import Settings
 from snake_env.errors import SnakeEnvError
 from train import dqn, export, imitate, ppo, value
 from train.config import parse_with_file
@@ -47,6 +48,7 @@ BAD: dict[str, tuple[str, str]] = {
     "a list for a key": ("? [a]\n: b", r"^config = .*expected a YAML file"),
     "a tag": ("seed: !!python/object/apply:os.getcwd []", r"^config = .*expected a YAML file"),
     "binary": ("seed: !!binary x", r"^config = .*expected a YAML file"),
+    "half a list": ("hidden: [", r"^config = .*expected a YAML file"),
     "no such option": ("sead: 3", r"^unknown option in the config 'sead': did you mean 'seed'\?"),
     "tabs": ("seed:\t3\n\tx", r"^config = .*expected a YAML file"),
     "controls": ("seed: \x1b[31m", r"^config = .*expected a YAML file"),
@@ -90,13 +92,15 @@ def test_file__changes_the_defaults_and_the_command_line_counts_more(
     path = tmp_path / "a.yaml"
     path.write_text(
         "out: runs/x\nhidden: [8, 4]\nlearning_rate: 1e-3\ngamma: 1\nreward: [time=-1]\n"
-        "seed: 5\ninit: null\nengine: ray\noverwrite: true\n"
+        "seed: 5\ninit: null\nengine: ray\noverwrite: true\nentropy: 1\n"
     )
     words = [*form.format(path).split(" "), "--seed", "6", "--gamma", "0.5"]
     options = parse_with_file(ppo.Options, "train", words)
     assert options.run.out == Path("runs/x")
     assert options.settings.hidden == (8, 4)
     assert (options.settings.learning_rate, options.settings.gamma) == (1e-3, 0.5)
+    assert repr(options.settings.entropy) == "1.0"  # an integer for a number
+    assert options.settings.batch_size == Settings().batch_size
     assert options.loop.reward == ("time=-1",)
     assert (options.loop.init, options.run.seed) == (None, 6)
     assert (options.engine.engine, options.run.overwrite) == ("ray", True)

@@ -17,7 +17,8 @@ from snake_env.policies.one_step import CriticPolicy
 from snake_env.policies.value import ActionValue, NetworkValue, ValueFunction
 from snake_env.sim.observation import observe
 from snake_env.state import StateBatch
-from tests.support.models import model_of
+from tests.support.commands import Command
+from tests.support.models import model_of, same_network
 from tests.support.plus_critic import plus_critic
 from tests.support.robots import random_state
 from train.__main__ import main
@@ -71,8 +72,7 @@ def _check(file: Path, value: ValueFunction) -> None:
 def _same(one: Model | None, other: Model) -> bool:
     if one is None or (one.kind, one.params) != (other.kind, other.params):
         return False
-    networks = [(*each.network.weights, *each.network.biases) for each in (one, other)]
-    return all(np.array_equal(a, b) for a, b in zip(*networks, strict=True))
+    return same_network(one.network, other.network)
 
 
 @pytest.mark.parametrize("command", ["ppo", "dqn"])
@@ -86,23 +86,23 @@ def test_critic__that_is_given_becomes_part_of_the_model(command: str, tmp_path:
     _check(run / "last.safetensors", NetworkValue(given, OWN))
 
 
-@pytest.mark.parametrize("command", ["ppo", "dqn"])
+@pytest.mark.parametrize(
+    ("command", "option"), [("ppo", "--critic"), ("dqn", "--critic"), ("ppo", "--init-critic")]
+)
 def test_critic__of_no_use_is_refused(
-    command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    command: str, option: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "critic.safetensors"
     cases = {
-        "error: model.kind = 'policy': expected value\n": model_of(0, 6),
-        "error: n_joints = 6: expected 5": _critic(0, SnakeParams(n_joints=5)),
+        "model.kind = 'policy': expected value": model_of(0, 6),
+        "n_joints = 6: expected 5": _critic(0, SnakeParams(n_joints=5)),
     }
     for told, model in cases.items():
         write_model(file, model)
-        assert main(_words(command, tmp_path, "--critic", file)) == 2
-        err = capfd.readouterr().err
-        assert err.startswith(told)
-        assert err.count("\n") == 1
-    assert main(_words(command, tmp_path, "--critic", tmp_path / "none.safetensors")) == 2
-    assert "No such file" in capfd.readouterr().err
+        words = _words(command, tmp_path, option, file)
+        assert Command(main).refusal(capfd, *words).startswith(told)
+    words = _words(command, tmp_path, option, tmp_path / "none.safetensors")
+    assert "No such file" in Command(main).refusal(capfd, *words)
     assert not (tmp_path / "run").exists()
 
 

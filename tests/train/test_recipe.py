@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import importlib
 import json
 import os
@@ -13,6 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -24,13 +24,15 @@ from snake_env import SnakeParams, load_policy
 from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.sim.tasks import load_tasks
 from tests.support import HANGS_S
-from tests.support.commands import Command
+from tests.support.commands import Command, names, read_csv
+from tests.support.models import same_network
 from train.__main__ import main
 from train.config import parse_with_file, replaced
 from train.models import SOURCES
 from train.recipe import ORDER, RECIPES, STAGES, check
 from train.records import read_about
 
+TRAIN = Command(main)
 TINY = """
 expected: half a minute [/red]
 value: {generations: 2, episodes: 48, exact: 1, hidden: [12]}
@@ -107,8 +109,7 @@ def test_recipe__each_stage_learns_from_those_before_it(finished: Path) -> None:
     assert [config("ppo")["init"], config("ppo")["init_critic"]] == [student, value]
     assert config("dqn")["init"] == student
     assert {config(stage)["critic"] for stage in ("ppo", "dqn")} == {value}
-    with (finished / "log.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == len(ORDER)
+    assert len(read_csv(finished / "log.csv")) == len(ORDER)
 
 
 def test_resume__of_a_finished_recipe_changes_nothing(
@@ -120,8 +121,8 @@ def test_resume__of_a_finished_recipe_changes_nothing(
     told = capsys.readouterr().out
     assert "half a minute [/red]\n" in told  # a text, no markup
     assert "ppo+critic" in told
-    assert main([*_words(folder, finished), "--resume", "--seed", "4"]) == 2
-    assert "differ: seed" in capsys.readouterr().err
+    other = (*_words(folder, finished), "--resume", "--seed", 4)
+    assert "differ: seed" in TRAIN.refusal(capsys, *other)
 
 
 def test_kill__anywhere_and_resume_end_in_the_same_bytes(folder: Path, finished: Path) -> None:
@@ -182,19 +183,15 @@ def test_models__are_the_newest_of_their_stages_with_the_critic(finished: Path) 
         made, learned = (
             read_model(finished / path) for path in (f"models/{name}.safetensors", source)
         )
-        assert _arrays(made) == _arrays(learned)
+        assert same_network(made.network, learned.network)
         assert made.kind == learned.kind
         if made.kind == "policy":
             assert made.critic is not None
-            assert _arrays(made.critic) == _arrays(critic)
+            assert same_network(made.critic.network, critic.network)
     student, ppo = (
         read_model(finished / "models" / f"{n}.safetensors") for n in ("imitate", "ppo")
     )
-    assert _arrays(student) != _arrays(ppo)
-
-
-def _arrays(model: Model) -> list[bytes]:
-    return [part.tobytes() for part in (*model.network.weights, *model.network.biases)]
+    assert not same_network(student.network, ppo.network)
 
 
 def test_table__is_what_evaluation_finds(finished: Path) -> None:
@@ -234,21 +231,16 @@ def test_budgets__have_options_for_every_stage(budget: str) -> None:
 def test_export__ships_a_recipes_models_under_the_robots_name(
     finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", str(finished), "--into", str(tmp_path)]) == 0
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {f"{name}-narrow{end}" for name in SOURCES for end in (".md", ".safetensors")}
+    export = ("export", finished, "--into", tmp_path)
+    TRAIN.good(*export)
+    assert names(tmp_path) == {
+        f"{name}-narrow{end}" for name in SOURCES for end in (".md", ".safetensors")
+    }
     card = (tmp_path / "ppo-narrow.md").read_text()
-    for text in (
-        "python -m train recipe --preset narrow",
-        "random weights",
-        "`ppo+critic` ",
-        "narrow",
-    ):
-        assert text in card
-    assert main(["export", str(finished), "--into", str(tmp_path)]) == 2
-    assert "--overwrite" in capsys.readouterr().err
-    assert main(["export", str(finished), "--into", str(tmp_path), "--name", "mine"]) == 2
-    assert "name = 'mine'" in capsys.readouterr().err
+    texts = "python -m train recipe --preset narrow", "random weights", "`ppo+critic` ", "narrow"
+    assert all(text in card for text in texts)
+    assert "--overwrite" in TRAIN.refusal(capsys, *export)
+    assert "name = 'mine'" in TRAIN.refusal(capsys, *export, "--name", "mine")
 
 
 def test_export__into_the_package_ships_what_a_wheel_has_room_for(
@@ -259,16 +251,21 @@ def test_export__into_the_package_ships_what_a_wheel_has_room_for(
     monkeypatch.setattr("train.export.read_about", lambda *of: about)
     into = ["export", str(finished), "--into", os.path.relpath(tmp_path)]  # however it is named
     assert main(into) == 0
-    names = {path.name for path in tmp_path.glob("*.safetensors")}
-    assert names == {"ppo-narrow.safetensors", "dqn-narrow.safetensors", "value-narrow.safetensors"}
+    shipped = {path.name for path in tmp_path.glob("*.safetensors")}
+    assert shipped == {
+        "ppo-narrow.safetensors",
+        "dqn-narrow.safetensors",
+        "value-narrow.safetensors",
+    }
     for name in ("ppo", "dqn"):
         shipped = read_model(tmp_path / f"{name}-narrow.safetensors")
         assert shipped.critic is None  # that of value-narrow serves
         assert shipped.made["git"] == "0123456789"
-        assert _arrays(shipped) == _arrays(read_model(finished / "models" / f"{name}.safetensors"))
+        made = read_model(finished / "models" / f"{name}.safetensors")
+        assert same_network(shipped.network, made.network)
     about["robot"] = "paper"
     assert main(into) == 0
-    assert {f"{name}.safetensors" for name in SOURCES} < {path.name for path in tmp_path.iterdir()}
+    assert {f"{name}.safetensors" for name in SOURCES} < names(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -294,14 +291,9 @@ def test_export__into_the_package_ships_what_a_wheel_has_room_for(
     ],
 )
 def test_bad_input__is_one_line_and_leaves_nothing(
-    words: str,
-    content: str,
-    hint: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    words: str, content: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text(content)
-    assert hint in Command(main).refusal(capfd, "recipe", *words.split())
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
+    assert hint in TRAIN.refusal(capfd, "recipe", *words.split())
+    assert names(tmp_path) == {"mine.yaml"}

@@ -1,7 +1,5 @@
 """``python -m train ppo`` and ``dqn``: they learn, they resume exactly, they refuse nonsense."""
 
-import csv
-import itertools
 import json
 import os
 import re
@@ -20,17 +18,17 @@ import torch
 from agents.ppo import SHARPNESS, PPOLearner, Settings
 from harness.robot import Robot
 from snake_env import SnakeParams, load_policy
-from snake_env.networks.model_file import Model, read_model, write_model
-from snake_env.networks.network import Network
+from snake_env.networks.model_file import read_model, write_model
 from snake_env.networks.symmetry import CanonicalNetwork
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.observation import observation_size
 from tests.support import HANGS_S
-from tests.support.commands import Command
-from tests.support.models import model_of
+from tests.support.commands import Command, names, read_csv
+from tests.support.models import model_of, random_network, same_network
 from tests.support.robots import random_state
 from train.__main__ import main
 
+TRAIN = Command(main)
 SMALL = {
     "ppo": "--timesteps 3072 --segment 1024 --num-envs 16 --n-steps 16 --batch-size 64 "
     "--ema-rate 0.3",
@@ -46,16 +44,10 @@ def arguments(algorithm: str, out: Path, more: str = "") -> list[str]:
 
 
 def log(run: Path) -> list[dict[str, str]]:
-    with (run / "log.csv").open(newline="") as file:
-        return [
-            {key: value for key, value in row.items() if key != "frames_per_s"}
-            for row in csv.DictReader(file)
-        ]
-
-
-def same(one: Network, other: Network) -> bool:
-    pairs = zip([*one.weights, *one.biases], [*other.weights, *other.biases], strict=True)
-    return all(np.array_equal(a, b) for a, b in pairs)
+    return [
+        {key: value for key, value in row.items() if key != "frames_per_s"}
+        for row in read_csv(run / "log.csv")
+    ]
 
 
 @pytest.fixture(scope="module", params=["ppo", "dqn"])
@@ -66,8 +58,8 @@ def finished(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def test_run__leaves_models_log_and_curve(finished: Path) -> None:
-    names = {path.name for path in finished.iterdir()}
-    assert {"run.json", "log.csv", "curve.png", "best.safetensors", "last.safetensors"} <= names
+    kept = {"run.json", "log.csv", "curve.png", "best.safetensors", "last.safetensors"}
+    assert kept <= names(finished)
     steps = [int(row["timesteps"]) for row in log(finished)]
     assert steps == sorted(steps)
     assert steps[-1] >= 3072
@@ -103,7 +95,7 @@ def test_kill__and_resume_end_as_if_nothing_had_happened(
     assert log(out) == log(finished)
     for name in ("best", "last"):
         one, other = (read_model(run / f"{name}.safetensors") for run in (out, finished))
-        assert same(one.network, other.network)
+        assert same_network(one.network, other.network)
 
 
 def test_seed__decides_everything(finished: Path, tmp_path: Path) -> None:
@@ -111,20 +103,6 @@ def test_seed__decides_everything(finished: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     assert main([*arguments(algorithm, other), "--seed", "4"]) == 0
     assert log(other) != log(finished)
-
-
-def test_init__begins_with_the_given_network(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    shapes = [(99, 24), (24, 24), (24, 99)]
-    network = Network(
-        [rng.normal(size=shape).astype(np.float32) for shape in shapes],
-        [rng.normal(size=shape[1]).astype(np.float32) for shape in shapes],
-    )
-    given, out = tmp_path / "given.safetensors", tmp_path / "run"
-    write_model(given, Model("policy", SnakeParams(), network))
-    words = arguments("ppo", out, f"--init {given} --critic-warmup 100000")
-    assert main(words) == 0
-    assert same(read_model(out / "last.safetensors").network, network.scaled(SHARPNESS))
 
 
 def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,15 +158,11 @@ def test_tasks__are_those_of_the_suite(tmp_path: Path, monkeypatch: pytest.Monke
     ],
 )
 def test_bad_input__is_one_line_and_leaves_nothing(
-    words: str,
-    hint: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    words: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert re.search(hint, Command(main).refusal(capfd, *words.split()))
-    assert not list(tmp_path.iterdir())
+    assert re.search(hint, TRAIN.refusal(capfd, *words.split()))
+    assert not names(tmp_path)
 
 
 def test_folder__of_another_run_is_not_touched(
@@ -196,15 +170,13 @@ def test_folder__of_another_run_is_not_touched(
 ) -> None:
     before = (finished / "log.csv").read_bytes()
     words = arguments(finished.name, finished)
-    assert main(words) == 2
-    assert "--resume" in capfd.readouterr().err
-    assert main([*words, "--resume", "--learning-rate", "0.5"]) == 2
-    assert "differ: learning_rate" in capfd.readouterr().err
+    assert "--resume" in TRAIN.refusal(capfd, *words)
+    other = TRAIN.refusal(capfd, *words, "--resume", "--learning-rate", 0.5)
+    assert "differ: learning_rate" in other
     about = (finished / "run.json").read_text()
     try:
         (finished / "run.json").write_text(about.replace('"schema": 1', '"schema": 99'))
-        assert main([*words, "--resume"]) == 2
-        assert "schema 1" in capfd.readouterr().err
+        assert "schema 1" in TRAIN.refusal(capfd, *words, "--resume")
     finally:
         (finished / "run.json").write_text(about)
     assert (finished / "log.csv").read_bytes() == before
@@ -215,17 +187,12 @@ def test_init__of_another_size_is_refused(
 ) -> None:
     given = tmp_path / "given.safetensors"
     write_model(given, model_of())
-    assert main(arguments("ppo", tmp_path / "run", f"--init {given}")) == 2
-    assert "hidden" in capfd.readouterr().err
+    words = arguments("ppo", tmp_path / "run", f"--init {given}")
+    assert "hidden" in TRAIN.refusal(capfd, *words)
 
 
 def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) -> None:
-    sizes = [observation_size(8), 12, 1]
-    rng = np.random.default_rng(2)
-    value = Network(
-        [rng.normal(0.0, 0.3, pair).astype(np.float32) for pair in itertools.pairwise(sizes)],
-        [rng.normal(size=size).astype(np.float32) for size in sizes[1:]],
-    )
+    value = random_network([observation_size(8), 12, 1], 2, 0.3)
     settings = Settings(hidden=(8,), critic_hidden=(12,), num_envs=4, batch_size=32)
     env = SnakeVecEnv(4, mask_in_observation=True, reward_weights={"success": 2.0})
     learner = PPOLearner(settings, env, seed=0, device="cpu")
@@ -237,17 +204,11 @@ def test_init_critic__begins_with_what_the_value_network_says(tmp_path: Path) ->
         critic = model.policy.predict_values(model.policy.obs_to_tensor(observations)[0])
     intervals = CanonicalNetwork(value, 8)(observations["observation"])
     np.testing.assert_allclose(critic.numpy(), 2.0 - 0.1 * intervals, rtol=1e-5, atol=1e-6)
-
-
-def test_init_critic__needs_a_value_network(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    given = tmp_path / "given.safetensors"
-    write_model(given, model_of())
-    words = arguments("ppo", tmp_path / "run", f"--init-critic {given}")
-    assert main(words) == 2
-    assert "model.kind" in capfd.readouterr().err
-    assert not (tmp_path / "run").exists()
+    again = learner.critic(SnakeParams()).network
+    for learned, begun in zip(
+        [*again.weights, *again.biases], [*value.weights, *value.biases], strict=True
+    ):
+        np.testing.assert_allclose(learned, begun, rtol=1e-5, atol=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -259,14 +220,14 @@ def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_seeds__are_the_runs_that_one_would_make_alone(seeds: Path, tmp_path: Path) -> None:
     folders = {"ppo-s3", "ppo-s4", "ppo-seeds"}
-    assert {path.name for path in seeds.iterdir()} == folders | {"ppo-s3.log", "ppo-s4.log"}
+    assert names(seeds) == folders | {"ppo-s3.log", "ppo-s4.log"}
     assert "raw " in (seeds / "ppo-s4.log").read_text()  # what it said on the way
     assert main(arguments("ppo", tmp_path / "alone", "--seed 4")) == 0
     assert log(tmp_path / "alone") == log(seeds / "ppo-s4")
     one, other = (
         read_model(run / "best.safetensors") for run in (tmp_path / "alone", seeds / "ppo-s4")
     )
-    assert same(one.network, other.network)
+    assert same_network(one.network, other.network)
     command = json.loads((seeds / "ppo-s4" / "run.json").read_text())["command"]
     assert command.endswith("--seed 4")
     assert "--seeds" not in command
@@ -288,7 +249,7 @@ def test_seeds__begin_each_with_its_own_network(tmp_path: Path) -> None:
     assert main(arguments("ppo", out, f"{frozen} --init-critic {critic} --critic-hidden 12")) == 0
     for seed in (3, 4):
         made = read_model(tmp_path / f"ppo-s{seed}" / "last.safetensors")
-        assert same(
+        assert same_network(
             made.network, given[seed].network.scaled(SHARPNESS)
         )  # only the critic has learned
         config = made.made["config"]

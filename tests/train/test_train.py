@@ -12,15 +12,15 @@ import pytest
 import train.value
 from harness.engine import Engine
 from snake_env.networks.model_file import read_model
-from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
 from snake_env.sim.observation import observation_size
 from tests.support import ROOT
 from tests.support.commands import QUICK, Command, Interrupted, names, read_csv, tree
+from tests.support.models import same_network
+from tests.support.robots import FIVE
 from tests.support.torch_threads import one_thread
 from train.__main__ import COMMANDS, main
 
-FIVE = SnakeParams(n_joints=5)
 TRAIN = Command(main)
 IMITATE = ROOT / "snake_env" / "pretrained" / "imitate.safetensors"
 VALUE = ("value", "--generations", "2", "--episodes", "40", "--hidden", "8", *QUICK, "--out")
@@ -65,6 +65,8 @@ BAD = {
     "--seed 3": r"^unknown command '--seed'",
     "imitate --value {value} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
     "imitate --value {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
+    "imitate --value {value} --rounds 0": r"^rounds = 0: expected a positive number$",
+    "value --config {tmp}/none.yaml": r"^config = .*none\.yaml",
     "imitate --value {value} --lessons x": r"Unrecognized options: --lessons, x",
     "value --generations 0": r"^generations = 0: expected a positive number$",
     "value --episodes -3": r"^episodes = -3: expected a positive number$",
@@ -123,8 +125,7 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _assert_same_run(folder: Path, other: Path, stale: Iterable[str] = ()) -> None:
     one, two = (read_model(path / "value.safetensors").network for path in (folder, other))
-    for array, again in zip((*one.weights, *one.biases), (*two.weights, *two.biases), strict=True):
-        assert np.array_equal(array, again)
+    assert same_network(one, two)
     assert (folder / "log.csv").read_bytes() == (other / "log.csv").read_bytes()
     assert names(folder) - set(stale) == names(other)
 
@@ -260,14 +261,6 @@ def test_value__that_is_interrupted_resumes_as_if_nothing_had_happened(
     _assert_same_run(tmp_path, learned)
 
 
-def test_value__that_is_done_is_not_done_again(learned: Path) -> None:
-    before = tree(learned)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Engine, "map", Interrupted(0))
-        TRAIN.good(*VALUE, learned, "--resume")
-    assert tree(learned) == before
-
-
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -303,20 +296,6 @@ def test_value__keeps_a_run_unless_told_otherwise(
     TRAIN.good(*once, "--overwrite", "--seed", 5)
     assert json.loads((tmp_path / "run.json").read_text())["config"]["seed"] == 5
     assert names(tmp_path) == {Path(name).name for name in before}
-
-
-def test_value__refuses_a_folder_of_other_things(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    for options in ((), ("--overwrite",)):
-        told = TRAIN.refusal(capsys, *VALUE, tmp_path, *options)
-        assert told.endswith("expected an empty folder, or one with a run")
-    assert names(tmp_path) == {"notes.txt"}
-    for content in ("", "[]", '{"schema": 7}'):
-        (tmp_path / "run.json").write_text(content)
-        told = TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
-        assert told.startswith("resume = ")
 
 
 def test_value__reports_a_damaged_model(
