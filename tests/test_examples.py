@@ -5,13 +5,12 @@ from __future__ import annotations
 import ast
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.support import ROOT
+from tests.support.commands import python
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 STEPS = {"sb3_ppo": 16_000, "sb3_dqn": 8_000, "cleanrl_ppo": 16_000, "planning": 3}
@@ -20,13 +19,7 @@ NUMBER = r"(-?\d+(?:\.\d+)?)"
 
 @pytest.mark.parametrize("name", STEPS)
 def test_example__learns(name: str) -> None:
-    done = subprocess.run(
-        [sys.executable, f"examples/{name}.py", "--steps", str(STEPS[name]), "--seed", "0"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = python(f"examples/{name}.py", "--steps", STEPS[name], "--seed", 0)
     match = re.search(rf"mean (return|time) {NUMBER}(?: s)? -> {NUMBER}", done.stdout)
     assert match is not None, done.stdout
     before, after = float(match[2]), float(match[3])
@@ -34,13 +27,7 @@ def test_example__learns(name: str) -> None:
 
 
 def test_example__fails_where_nothing_was_learned() -> None:
-    done = subprocess.run(
-        [sys.executable, "examples/cleanrl_ppo.py", "--steps", "1"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 1
+    done = python("examples/cleanrl_ppo.py", "--steps", 1, code=1)
     assert "did not rise" in done.stderr
 
 
@@ -53,24 +40,11 @@ def test_example__names_itself_in_its_docstring(path: Path) -> None:
 
 
 def test_own_policy__is_evaluated_beside_the_others(tmp_path: Path) -> None:
-    names = [
-        "--policy",
-        "examples.own_policy:Careful",
-        "--policy",
-        "examples.own_policy:Careful+shield",
-    ]
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "evaluate", "random", *names, "--tasks", "random:30:1"),
-            *("--workers", "2", "--no-pictures", "--out", str(tmp_path)),
-        ],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    own = "examples.own_policy:Careful"
+    words = f"random --policy {own} --policy {own}+shield --tasks random:30:1 --workers 2"
+    done = python("-m", "evaluate", *words.split(), "--no-pictures", "--out", tmp_path)
     figures = json.loads((tmp_path / "summary.json").read_text())["policies"]
-    careful, shielded = figures[names[1]], figures[names[3]]
+    careful, shielded = figures[own], figures[f"{own}+shield"]
     assert careful["success"] >= 28
     assert careful["decision_latency_us"]["p50"] > 0
     assert shielded["success"] == careful["success"]  # it chooses feasible modes anyway

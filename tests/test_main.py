@@ -10,6 +10,7 @@ from PIL import Image
 
 from snake_env.__main__ import main
 from tests.support import ROOT
+from tests.support.commands import Command, python
 
 
 def test_check__finds_this_installation_well(capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,11 +70,7 @@ def test_play__ends_with_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_bad_input__is_one_line(
     arguments: list[str], hint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(arguments) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    assert hint in error
+    assert hint in Command(main).refusal(capsys, *arguments)
 
 
 def test_reader_that_goes__ends_the_command_quietly() -> None:
@@ -87,10 +84,8 @@ def test_reader_that_goes__ends_the_command_quietly() -> None:
 
 @pytest.mark.parametrize("command", ["snake_env", "evaluate", "train"])
 def test_version__is_told_by_every_command(command: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", command, "--version"], cwd=ROOT, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "snake-mode-env 0.1.0\n", "")
+    done = python("-m", command, "--version")
+    assert (done.stdout, done.stderr) == ("snake-mode-env 0.1.0\n", "")
 
 
 @pytest.mark.parametrize("words", [["check"], ["play"]])

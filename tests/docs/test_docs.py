@@ -29,7 +29,6 @@ from snake_env.params import N_JOINTS_RANGE, PRESETS, SnakeParams
 from snake_env.policies.registry import LEARNED, POLICIES
 from snake_env.policies.value import shipped
 from snake_env.sim.masks import MaskLevel
-from snake_env.sim.observation import observation_rows
 from snake_env.sim.tasks import FROZEN
 from tests.support import ROOT
 from train.__main__ import COMMANDS
@@ -232,15 +231,19 @@ def test_results__are_short() -> None:
     assert len(prose.split()) <= 1500
 
 
-@pytest.fixture(scope="module")
-def hooks() -> ModuleType:
-    """docs/hooks.py."""
-    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+def _module(name: str) -> ModuleType:
+    """A module of docs/."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    return _module("hooks")
 
 
 def _cells(table: str) -> list[list[str]]:
@@ -301,18 +304,6 @@ def test_mask_levels__are_on_the_page_of_the_environment() -> None:
     assert f"`{default}` (default)" in text
 
 
-def test_environment__tells_rows_and_reward_as_they_are(hooks: ModuleType) -> None:
-    doc = inspect.cleandoc(SnakeModeSelectionEnv.__doc__ or "")
-    rows = re.findall(r"^\| (\d+)\.\.(\d+) \| ``(\w+)``", doc, re.M)
-    first = 0
-    for (name, size), (begin, end, told) in zip(observation_rows(8), rows, strict=True):
-        assert (told, int(begin), int(end)) == (name, first, first + size - 1)
-        first += size
-    weights = dataclasses.asdict(RewardWeights())
-    terms = dict(re.findall(r"^\| ``(\w+)`` \| (-?\d+\.\d+) \|", doc, re.M))
-    assert {name: float(value) for name, value in terms.items()} | {"gamma": 0.99} == weights
-
-
 def test_policies__are_all_on_their_page() -> None:
     text = _text(DOCS / "policies.md")
     table = text.partition("| Name |")[2].partition("\n\n")[0]
@@ -341,10 +332,6 @@ def test_reward__is_what_the_pages_say() -> None:
         assert said in " ".join(_text(DOCS / page).split())
 
 
-def test_drawing__is_what_its_script_draws(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("draw_robot", DOCS / "draw_robot.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert (DOCS / "images" / "robot.svg").read_text(encoding="utf-8") == module.drawing()
+def test_drawing__is_what_its_script_draws() -> None:
+    drawing = _module("draw_robot").drawing()
+    assert (DOCS / "images" / "robot.svg").read_text(encoding="utf-8") == drawing

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.support import ROOT
-from tests.support.browser import chromium, needs_browser
+from tests.support.browser import needs_browser
+from tests.support.commands import python
 
 WIDE = "() => document.documentElement.scrollWidth - innerWidth"
 
@@ -21,21 +17,9 @@ WIDE = "() => document.documentElement.scrollWidth - innerWidth"
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
-        cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    options = ("--strict", "--quiet", "--site-dir", folder)
+    python("-m", "mkdocs", "build", *options, NO_MKDOCS_2_WARNING="1")
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as started:
-        yield started
 
 
 def test_site__fetches_nothing_from_the_network(site: Path) -> None:

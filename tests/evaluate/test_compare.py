@@ -4,22 +4,18 @@ import csv
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from evaluate import __main__ as command
+from evaluate.__main__ import main
+from tests.support.commands import Command
+from tests.support.evaluations import episodes
 
+EVALUATE = Command(main)
 TASKS = ("--tasks", "random:12:3", "--workers", "1", "--no-pictures")
-
-
-def _command(*arguments: object) -> int:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["evaluate", *map(str, arguments)])
-        return command.main()
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -38,7 +34,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "narrow": ("random", *TASKS, "--preset", "narrow"),
         "slippery": ("random", *TASKS, "--slip", "0.01", "0.02"),
     }.items():
-        assert _command(*arguments, "--out", folder / name) == 0
+        EVALUATE.good(*arguments, "--out", folder / name)
     return folder
 
 
@@ -52,7 +48,7 @@ def copy(runs: Path, tmp_path: Path) -> Path:
 def test_comparison_of_folders__is_that_of_one_run(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _command("compare", runs / "a", runs / "b", "--out", tmp_path / "out") == 0
+    EVALUATE.good("compare", runs / "a", runs / "b", "--out", tmp_path / "out")
     printed = capsys.readouterr().out
     here, there = _summary(tmp_path / "out"), _summary(runs / "both")
     for key in ("comparisons", "profiles", "seeds", "tasks", "params", "preset"):
@@ -72,25 +68,47 @@ def test_policy_in_several_folders__is_named_with_its_folder(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert _command("compare", runs / "both", runs / "b", "--out", out) == 0
+    EVALUATE.good("compare", runs / "both", runs / "b", "--out", out)
     names = ["imitate", f"random ({runs / 'both'})", f"random ({runs / 'b'})"]
     assert list(_summary(out)["policies"]) == names
-    with (out / "episodes.csv").open(newline="") as file:
-        assert list(dict.fromkeys(row["policy"] for row in csv.DictReader(file))) == names
-    assert _command("compare", out) == 0  # what it writes is a finished run again
+    assert list(dict.fromkeys(row["policy"] for row in episodes(out))) == names
+    EVALUATE.good("compare", out)  # what it writes is a finished run again
     assert f"{names[2]} solves" in capsys.readouterr().out
 
 
-def _edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    summary = _summary(folder)
-    change(summary)
-    (folder / "summary.json").write_text(json.dumps(summary))
+Damage = Callable[[Path], Any]
 
 
-def _write(folder: Path, name: str, old: str, new: str) -> None:
-    text = (folder / name).read_text()
-    assert old in text
-    (folder / name).write_text(text.replace(old, new, 1))
+def _edited(change: Callable[[dict[str, Any]], Any]) -> Damage:
+    """Changes the summary."""
+
+    def damage(folder: Path) -> None:
+        summary = _summary(folder)
+        change(summary)
+        (folder / "summary.json").write_text(json.dumps(summary))
+
+    return damage
+
+
+def _of_random(**changes: Any) -> Damage:
+    """Changes figures of the policy."""
+    return _edited(lambda summary: summary["policies"]["random"].update(changes))
+
+
+def _written(old: str, new: str, name: str = "episodes.csv") -> Damage:
+    """Replaces a text in a file."""
+
+    def damage(folder: Path) -> None:
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, 1))
+
+    return damage
+
+
+def _latency(**changes: Any) -> Damage:
+    """Changes figures of the policy's latencies."""
+    return _edited(lambda s: s["policies"]["random"]["decision_latency_us"].update(changes))
 
 
 def _drop_last_line(folder: Path) -> None:
@@ -100,8 +118,7 @@ def _drop_last_line(folder: Path) -> None:
 
 def _closer(folder: Path) -> None:
     """Changes a figure of an episode; the summary stays as it is."""
-    with (folder / "episodes.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = episodes(folder)
     rows[0]["d_min"] = "0.001"
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
@@ -109,7 +126,7 @@ def _closer(folder: Path) -> None:
         writer.writerows(rows)
 
 
-DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
+DAMAGES: dict[str, tuple[Damage, str]] = {
     "interrupted": (
         lambda f: (f / "episodes.partial.jsonl").touch(),
         r"expected a finished run \(--resume finishes it\)",
@@ -132,95 +149,55 @@ DAMAGES: dict[str, tuple[Callable[[Path], Any], str]] = {
         lambda f: (f / "summary.json").write_text('{"accuracy": 1}'),
         r"the summary of a run \(KeyError: 'tasks'\)",
     ),
-    "no policies": (lambda f: _edit(f, lambda s: s["policies"].clear()), "no policies"),
-    "unknown constant": (
-        lambda f: _edit(f, lambda s: s["params"].update(mass=3)),
-        "unknown parameter 'mass'",
-    ),
-    "bad constant": (
-        lambda f: _edit(f, lambda s: s["params"].update(n_joints=99)),
-        "n_joints = 99: expected",
-    ),
+    "no policies": (_edited(lambda s: s["policies"].clear()), "no policies"),
+    "unknown constant": (_edited(lambda s: s["params"].update(mass=3)), "unknown parameter 'mass'"),
+    "bad constant": (_edited(lambda s: s["params"].update(n_joints=99)), "n_joints = 99: expected"),
     "success that is none": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"].update(success=11)),
+        _of_random(success=11),
         r"\(success of random is 11; its episodes give \d\)",
     ),
-    "other columns": (
-        lambda f: _write(f, "episodes.csv", "policy,task", "policy,number"),
-        "columns policy, number, outcome",
-    ),
-    "a word for a number": (
-        lambda f: _write(f, "episodes.csv", "random,3,", "random,three,"),
-        r"line 5: task = 'three'",
-    ),
+    "other columns": (_written("policy,task", "policy,number"), "columns policy, number, outcome"),
+    "a word for a number": (_written("random,3,", "random,three,"), r"line 5: task = 'three'"),
     "a number that is too large": (
-        lambda f: _write(f, "episodes.csv", "random,3,", f"random,{9**30},"),
+        _written("random,3,", f"random,{9**30},"),
         r"line 5: task = '\d{28,}'",
     ),
     "no 95th percentile": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"]["decision_latency_us"].pop("p95")),
+        _edited(lambda s: s["policies"]["random"]["decision_latency_us"].pop("p95")),
         "KeyError: 'p95'",
     ),
     "a slip of one number": (
-        lambda f: _edit(f, lambda s: s.update(slip=[0.1])),
+        _edited(lambda s: s.update(slip=[0.1])),
         "slip = \\[0.1\\]: expected \\(m, rad\\)",
     ),
-    "a word for a latency": (
-        lambda f: _edit(
-            f, lambda s: s["policies"]["random"]["decision_latency_us"].update(p95="soon")
-        ),
-        "p95 is 'soon'",
-    ),
+    "a word for a latency": (_latency(p95="soon"), "p95 is 'soon'"),
     "an endless latency": (
-        lambda f: _write(f, "summary.json", '"p95": ', '"p95": Infinity, "p95.": '),
+        _written('"p95": ', '"p95": Infinity, "p95.": ', "summary.json"),
         "Infinity is no number in JSON",
     ),
-    "a negative latency": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"]["decision_latency_us"].update(p50=-1)),
-        "p50 is -1",
-    ),
+    "a negative latency": (_latency(p50=-1), "p50 is -1"),
     "a trillion tasks": (
-        lambda f: _edit(f, lambda s: s["tasks"].update(n=10**12)),
+        _edited(lambda s: s["tasks"].update(n=10**12)),
         "one row for each of 1,000,000,000,000 tasks; random has 12 rows",
     ),
-    "a number of 10,000 digits": (
-        lambda f: _write(f, "summary.json", '"n": 12', '"n": ' + "9" * 10_000),
-        "it is no JSON",
-    ),
-    "deep brackets": (
-        lambda f: (f / "summary.json").write_text("[" * 100_000),
-        "it is nested too deeply",
-    ),
     "another rate": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"].update(success_rate=0.99)),
+        _of_random(success_rate=0.99),
         r"success_rate of random is 0\.99; its episodes give 0\.",
     ),
-    "another interval": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"].update(wilson95=[0.9, 1.0])),
-        r"wilson95 of random is \[0\.9, 1\.0\]",
-    ),
+    "another interval": (_of_random(wilson95=[0.9, 1.0]), r"wilson95 of random is \[0\.9, 1\.0\]"),
     "another cost": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"].update(rollouts_per_decision=None)),
+        _of_random(rollouts_per_decision=None),
         "rollouts_per_decision of random is None",
     ),
-    "fewer failures": (
-        lambda f: _edit(f, lambda s: s["policies"]["random"].update(failures_by_phase={})),
-        r"failures_by_phase of random is \{\}",
-    ),
+    "fewer failures": (_of_random(failures_by_phase={}), r"failures_by_phase of random is \{\}"),
     "an episode that went otherwise": (_closer, "d_min of random is"),
-    "an unknown outcome": (
-        lambda f: _write(f, "episodes.csv", ",success,", ",boredom,"),
-        "outcome = 'boredom'",
-    ),
+    "an unknown outcome": (_written(",success,", ",boredom,"), "outcome = 'boredom'"),
     "an unknown policy": (
-        lambda f: _write(f, "episodes.csv", "random,3,", "chance,3,"),
+        _written("random,3,", "chance,3,"),
         "line 5: policy 'chance' is not in the summary",
     ),
     "a row too few": (_drop_last_line, "one row for each of 12 tasks; random has 11 rows"),
-    "a task twice": (
-        lambda f: _write(f, "episodes.csv", "random,3,", "random,4,"),
-        "one row for each of 12 tasks",
-    ),
+    "a task twice": (_written("random,3,", "random,4,"), "one row for each of 12 tasks"),
     "a torn row": (
         lambda f: (f / "episodes.csv").write_text((f / "episodes.csv").read_text()[:-60]),
         "the episodes of a run",
@@ -238,13 +215,10 @@ def test_damaged_folder__is_refused_in_one_line(
 ) -> None:
     change, message = DAMAGES[damage]
     change(copy)
-    assert _command("compare", runs / "a", copy, "--out", tmp_path / "out") == 2
-    stdout, stderr = capsys.readouterr()
-    assert stdout == ""
-    assert stderr.startswith("error: DIR = ")
-    assert "copy" in stderr
-    assert stderr.count("\n") == 1
-    assert re.search(message, stderr), stderr
+    told = EVALUATE.refusal(capsys, "compare", runs / "a", copy, "--out", tmp_path / "out")
+    assert told.startswith("DIR = ")
+    assert "copy" in told
+    assert re.search(message, told), told
     assert not (tmp_path / "out").exists()
 
 
@@ -269,8 +243,6 @@ def test_folders_that_do_not_fit__are_refused(
 ) -> None:
     words = [word if word[:1] == "-" else runs / word for word in arguments.split()]
     before = (runs / "b" / "episodes.csv").read_bytes()
-    assert _command("compare", *words) == 2
-    stderr = capsys.readouterr().err
-    assert re.search(message, stderr), stderr
-    assert stderr.count("\n") == 1
+    told = EVALUATE.refusal(capsys, "compare", *words)
+    assert re.search(message, told), told
     assert (runs / "b" / "episodes.csv").read_bytes() == before

@@ -378,7 +378,7 @@ def test_seeds__have_a_best_a_median_and_a_worst() -> None:
     }
     (entry,) = seed_entries(results).values()
     assert [entry[mark]["policy"] for mark in ("best", "median", "worst")] == [
-        *(names[1], names[2], names[0]),
+        *(names[1], names[2], names[0])
     ]
     assert entry["best"]["restricted_mean_time_s"] == 37.5
     assert entry["success_rate"]["mean"] == pytest.approx(8 / 12)

@@ -1,21 +1,17 @@
 """``python -m evaluate`` through a subprocess: what it writes, refuses and survives."""
 
 import contextlib
-import csv
 import dataclasses
 import io
 import itertools
 import json
 import os
-import pickle
 import re
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,18 +22,20 @@ from PIL import Image
 
 from evaluate import __main__ as command
 from evaluate.protocol import Shard, run_episode, run_shard
-from evaluate.statistics import summarise, wilson95
+from evaluate.statistics import summarise
 from evaluate.table import printed, result_tables
-from evaluate.terminal import print_comparisons
-from harness.command import PlainConsole, console
+from harness.command import PlainConsole
 from harness.engine import Engine, WorkerLostError
 from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
 from snake_env.sim.episode import OUTCOMES
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
 from tests.support import HANGS_S, ROOT
+from tests.support.commands import Command, names, python, tree
+from tests.support.evaluations import episodes
 from tests.support.robots import PAPER
 
+EVALUATE = Command(command.main)
 POLICY_KEYS = {
     *("n", "success", "success_rate", "wilson95", "time_s", "restricted_mean_time_s"),
     *("cost_integral", "d_min", "max_abs_phi", "violations", "rollouts_per_decision"),
@@ -49,54 +47,19 @@ SIXTY = [
     *(12, 13, 17, 13, 12, 15, 15, 12, 16, 15, 14, 14, 13, 13, 18, 9, 13, 13, 11, 15),
 ]  # intervals that (21) needs
 ROW = {
-    "outcome": "success",
-    "policy": "analytic",
-    "time_s": 291.0,
-    "shape_error_rad": 0.0345,
-    "phase": 9,
-    "cost_integral": 12.345,
-    "d_min": 0.1784,
-    "max_abs_phi": 1.57079,
-    "head_error_m": 0.49,
-    "head_error_rad": 2.02,
-    "rollouts": 12,
-    "intervals": 97,
+    "outcome": "success", "policy": "analytic", "time_s": 291.0, "shape_error_rad": 0.0345,
+    "phase": 9, "cost_integral": 12.345, "d_min": 0.1784, "max_abs_phi": 1.57079,
+    "head_error_m": 0.49, "head_error_rad": 2.02, "rollouts": 12, "intervals": 97,
     "modes": " ".join(["7"] * 97),
-}
-LONG = (
-    "analytic",
-    "--tasks",
-    "random:150:1",
-    "--no-latency",
-    "--no-pictures",
-    "--out",
-)  # some seconds
-
-
-def _start(*arguments: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "evaluate", *map(str, arguments)],
-        cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, start_new_session=True,
-    )  # fmt: skip
-
-
-def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    process = _start(*arguments)
-    stdout, stderr = process.communicate(timeout=HANGS_S)
-    return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr)
+}  # fmt: skip
+LONG = ("analytic", "--tasks", "random:150:1", "--no-latency", "--no-pictures", "--out")
+"""A command that works for some seconds."""
 
 
 def _good(*arguments: object) -> str:
-    done = _run(*arguments)
-    assert done.returncode == 0, done.stderr
+    done = EVALUATE.process(*arguments)
     assert all("compiling" in line for line in done.stderr.splitlines()), done.stderr
     return done.stdout
-
-
-def _rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "episodes.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -110,11 +73,6 @@ def _same(one: Path, other: Path) -> None:
     """Asserts that two folders hold the same bytes."""
     for name in ("episodes.csv", "summary.json"):
         assert (one / name).read_bytes() == (other / name).read_bytes()
-
-
-def _tree(folder: Path) -> dict[str, bytes]:
-    paths = sorted(folder.rglob("*"))
-    return {str(path): path.read_bytes() if path.is_file() else b"" for path in paths}
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +102,7 @@ def test_report__is_complete(report: Path) -> None:
     pictures = {f"fig4-{name}.png" for name in ("analytic", "random", "skid")}
     pictures |= {"sim-1-traces-analytic.png", "sim-1-film-analytic.png"}
     files = {"report.html", "summary.json", "episodes.csv", *pictures}
-    assert {path.name for path in report.iterdir()} == files
+    assert names(report) == files
     assert "random:6:3" in (report / "report.html").read_text(encoding="utf-8")
     for name in pictures:
         with Image.open(report / name) as image:
@@ -158,7 +116,7 @@ def test_report__is_complete(report: Path) -> None:
 def test_episodes__are_a_row_per_policy_and_task(report: Path) -> None:
     header = (report / "episodes.csv").read_text().splitlines()[0].split(",")
     assert header[:5] == ["policy", "task", "outcome", "intervals", "time_s"]
-    rows = _rows(report)
+    rows = episodes(report)
     expected = [(name, str(k)) for name in ("analytic", "random", "skid") for k in range(6)]
     assert [(row["policy"], row["task"]) for row in rows] == expected
     assert {row["outcome"] for row in rows} <= set(OUTCOMES)
@@ -171,7 +129,7 @@ def test_episodes__are_a_row_per_policy_and_task(report: Path) -> None:
 
 
 def test_summary__says_what_the_episodes_say(report: Path) -> None:
-    summary, rows = _summary(report), _rows(report)
+    summary, rows = _summary(report), episodes(report)
     assert list(summary["policies"]) == ["analytic", "random", "skid"]
     assert summary["preset"] == "paper"
     assert summary["tasks"]["name"] == "random:6:3"
@@ -183,32 +141,9 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
     assert summary["seeds"] == {}
     for name, figures in summary["policies"].items():
         assert figures.keys() >= POLICY_KEYS
-        own = [row for row in rows if row["policy"] == name]
-        times = [float(row["time_s"]) for row in own if row["outcome"] == "success"]
-        assert (figures["n"], figures["success"]) == (6, len(times))
-        assert figures["success_rate"] == len(times) / 6
-        assert figures["wilson95"] == list(wilson95(len(times), 6))
-        assert figures["time_s"] == pytest.approx(
-            {
-                "min": min(times),
-                "median": statistics.median(times),
-                "mean": statistics.mean(times),
-                "max": max(times),
-            }
-        )
-        restricted = (sum(times) + 300.0 * (6 - len(times))) / 6
-        assert figures["restricted_mean_time_s"] == pytest.approx(restricted)
-        assert figures["d_min"] == min(float(row["d_min"]) for row in own)
-        assert figures["max_abs_phi"] == max(float(row["max_abs_phi"]) for row in own)
-        outcomes = Counter(row["outcome"] for row in own)
-        assert figures["outcomes"] == outcomes
-        names = ("stability", "joint_limit", "collision")
-        assert figures["violations"] == sum(outcomes[outcome] for outcome in names)
-    analytic = summary["policies"]["analytic"]
-    own = [row for row in rows if row["policy"] == "analytic"]
-    spent = sum(int(row["rollouts"]) for row in own)
-    assert analytic["rollouts_per_decision"] == spent / sum(int(row["intervals"]) for row in own)
-    latency = analytic["decision_latency_us"]
+        won = [row["policy"] for row in rows if row["outcome"] == "success"].count(name)
+        assert (figures["n"], figures["success"]) == (6, won)
+    latency = summary["policies"]["analytic"]["decision_latency_us"]
     assert 0 < latency["p50"] <= latency["p95"] <= latency["p99"]
     assert summary["policies"]["random"]["rollouts_per_decision"] == 0
     assert summary["policies"]["skid"]["cost_integral"] is None
@@ -217,7 +152,7 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
 def test_analytic__solves_60_tasks_as_it_did(folder: Path) -> None:
     out = folder / "sixty"
     _good("analytic", "--tasks", "random:60:60", "--no-pictures", "--out", out)
-    rows = _rows(out)
+    rows = episodes(out)
     assert {row["outcome"] for row in rows} == {"success"}
     assert [int(row["intervals"]) for row in rows] == SIXTY
     assert all(float(row["time_s"]) == 3.0 * int(row["intervals"]) for row in rows)
@@ -266,24 +201,8 @@ def test_tables__fit_into_80_columns() -> None:
         PlainConsole(file=out, width=80).print(printed(table, "text"))
     text = out.getvalue()
     assert "\u2026" not in text  # nothing is cut off
-    for figure in (
-        "10000/10000",
-        "first-feasible",
-        "1.5708",
-        "12.3",
-        "123456",
-        "496/500",
-        "max [s]",
-    ):
-        assert figure in text
-
-
-def test_names__are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    """A terminal library may take :100: for a picture and [x] for a style."""
-    print_comparisons(
-        console(), {"comparisons": [{"sentence": "random:100:1 and a[red].npz"}], "seeds": {}}
-    )
-    assert capsys.readouterr().out == "random:100:1 and a[red].npz\n"
+    figures = "10000/10000", "first-feasible", "1.5708", "12.3", "123456", "496/500", "max [s]"
+    assert all(figure in text for figure in figures)
 
 
 def test_results__do_not_depend_on_the_workers(folder: Path, report: Path) -> None:
@@ -291,7 +210,7 @@ def test_results__do_not_depend_on_the_workers(folder: Path, report: Path) -> No
     for workers in (1, 2):
         out = folder / f"workers-{workers}"
         _good(*arguments, "--workers", workers, "--no-pictures", "--out", out)
-        assert {path.name for path in out.iterdir()} == {"summary.json", "episodes.csv"}
+        assert names(out) == {"summary.json", "episodes.csv"}
     _same(folder / "workers-1", folder / "workers-2")
     assert (out / "episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
 
@@ -301,7 +220,7 @@ def test_task_file__gives_what_its_tasks_give(folder: Path, report: Path) -> Non
     np.savez(folder / "tasks.npz", phi0=suite.phi0[:4], target=suite.target[:4])
     out = folder / "from-file"
     table = _good("analytic", "--tasks", folder / "tasks.npz", "--no-pictures", "--out", out)
-    assert _rows(out) == _rows(report)[:4]
+    assert episodes(out) == episodes(report)[:4]
     assert _summary(out)["tasks"]["n"] == 4
     assert "tasks.npz: 4 tasks" in table
 
@@ -314,13 +233,10 @@ def test_other_constants__reach_the_robot(folder: Path) -> None:
     params = _summary(out)["params"]
     assert (params["n_joints"], params["head_contact"]) == (6, False)
     assert params["gains"] == [1, 1, 0.5, 1.5]
-    for row in _rows(out):
+    for row in episodes(out):
         assert all(int(mode) < 16 for mode in row["modes"].split())  # 1 + 5 + 10 modes
-    names = {path.name for path in out.glob("*.png")}
-    assert names == {
-        "fig4-analytic.png",
-        "fig4-first-feasible.png",
-    }  # sim-1 has 8 joints
+    drawn = {path.name for path in out.glob("*.png")}
+    assert drawn == {"fig4-analytic.png", "fig4-first-feasible.png"}  # sim-1 has 8 joints
 
 
 BAD = {
@@ -341,13 +257,7 @@ BAD = {
     "random --tasks random:0": r"tasks = 'random:0': expected random:N",
     "random --tasks random:x": r"tasks = 'random:x': expected random:N",
     "random --tasks {tmp}/none.npz": r"none\.npz': expected a file that exists",
-    "random --tasks {tmp}/pickled.npz": r"pickled\.npz': expected .*pickled objects are never read",
     "random --tasks {tmp}/objects.npz": r"objects\.npz': expected .*pickled objects are never read",
-    "random --tasks {tmp}/array.npz": r"array\.npz': expected an \.npz file",
-    "random --tasks {tmp}/damaged.npz": r"damaged\.npz': expected an \.npz file",
-    "random --tasks {tmp}/nan.npz": r"phi0\[1\]\[7\] = nan: expected a finite angle",
-    "random --tasks {tmp}/limit.npz": r"target\[2\]\[5\] = 1\.6: expected at most phi_limit",
-    "random --tasks {tmp}/long.npz": r"phi0 in .*long\.npz = .*\(3, 9\).*: expected .*\(N, 8\)",
     "random --out {tmp}/results": r"out = .*results': expected an empty folder",
     "random --out {tmp}/file": r"out = .*file': expected a folder to write to",
     "random --out {tmp}/file/below": r"out = .*below': expected a folder to write to",
@@ -356,6 +266,10 @@ BAD = {
     "random --video 500": r"video = '500': expected default, or a list of sim-1 and tasks from 0",
     "random --overwrite --resume": r"overwrite = True: expected one of --overwrite and --resume",
     "random --resume --out {tmp}/results": r"resume = .*: expected the summary of a run",
+    "random --worker 2": "--workers",
+    "random --engine rays": "'ray'",
+    "random --tasks": "--tasks",
+    "random --workers two": "'two'",
 }
 PROCESSES = ("", "analytc", "random --tasks {tmp}/objects.npz", "random --out {tmp}/file/below")
 
@@ -363,102 +277,49 @@ PROCESSES = ("", "analytc", "random --tasks {tmp}/objects.npz", "random --out {t
 @pytest.fixture
 def bad_files(tmp_path: Path) -> Path:
     """A folder of files that can't be used."""
-    zeros, beyond = np.zeros((3, 8)), np.zeros((3, 8))
-    beyond[2, 5] = 1.6
     (tmp_path / "results").mkdir()
     for path in (tmp_path / "file", tmp_path / "results" / "summary.json"):
         path.write_text("{}")
-    (tmp_path / "pickled.npz").write_bytes(pickle.dumps({"phi0": zeros, "target": zeros}))
-    np.savez(tmp_path / "objects.npz", phi0=np.array([[None] * 8]), target=zeros)
-    unknown = zeros.copy()
-    unknown[1, 7] = np.nan
-    np.savez(tmp_path / "nan.npz", phi0=unknown, target=zeros)
-    np.savez(tmp_path / "limit.npz", phi0=zeros, target=beyond)
-    np.savez(tmp_path / "long.npz", phi0=np.zeros((3, 9)), target=np.zeros((3, 9)))
-    with (tmp_path / "array.npz").open("wb") as file:
-        np.save(file, zeros)
-    rng = np.random.default_rng(0)
-    np.savez_compressed(tmp_path / "damaged.npz", phi0=rng.random((30, 8)), target=zeros)
-    damaged = bytearray((tmp_path / "damaged.npz").read_bytes())
-    damaged[200:210] = b"\xff" * 10
-    (tmp_path / "damaged.npz").write_bytes(damaged)
+    np.savez(tmp_path / "objects.npz", phi0=np.array([[None] * 8]), target=np.zeros((3, 8)))
     return tmp_path
 
 
 def _arguments(case: str, folder: Path) -> list[str]:
     arguments = case.replace("{tmp}", str(folder)).split()
-    return arguments if "--out" in arguments else [*arguments, "--out", str(folder / "out")]
-
-
-def _check_refusal(case: str, code: int, stdout: str, stderr: str) -> None:
-    assert (code, stdout) == (2, "")
-    assert stderr.startswith("error: "), stderr
-    assert stderr.count("\n") == 1
-    assert stderr.endswith("\n")
-    assert re.search(BAD[case], stderr), stderr
+    return arguments if "--out" in arguments else ["--out", str(folder / "out"), *arguments]
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input__is_refused_in_one_line(
-    case: str, bad_files: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    case: str, bad_files: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    before = _tree(bad_files)
-    monkeypatch.setattr(sys, "argv", ["evaluate", *_arguments(case, bad_files)])
-    try:
-        code = command.main()
-    except SystemExit as end:
-        code = int(end.code or 0)
-    _check_refusal(case, code, *capfd.readouterr())
-    assert _tree(bad_files) == before
+    before = tree(bad_files)
+    assert re.search(BAD[case], EVALUATE.refusal(capfd, *_arguments(case, bad_files)))
+    assert tree(bad_files) == before
 
 
 @pytest.mark.parametrize("case", PROCESSES)
 def test_bad_input__ends_the_process_with_2(case: str, bad_files: Path) -> None:
-    before = _tree(bad_files)
-    done = _run(*_arguments(case, bad_files))
-    _check_refusal(case, done.returncode, done.stdout, done.stderr)
-    assert _tree(bad_files) == before
+    before = tree(bad_files)
+    done = EVALUATE.process(*_arguments(case, bad_files), code=2)
+    assert done.stdout == ""
+    assert re.fullmatch(rf"error: [^\n]*{BAD[case]}[^\n]*\n", done.stderr), done.stderr
+    assert tree(bad_files) == before
 
 
 def test_missing_ray__is_named_and_nothing_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    out = tmp_path / "out"
-    arguments = f"random --tasks random:2:1 --engine ray --out {out}"
-    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
-    assert command.main() == 2
-    assert capfd.readouterr() == (
-        "",
-        "error: --engine ray needs Ray: pip install snake-mode-env[ray]\n",
-    )
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("case", "hint"),
-    [
-        ("random --worker 2", "--workers"),
-        ("random --engine rays", "'ray'"),
-        ("random --tasks", "--tasks"),
-        ("random --workers two", "'two'"),
-    ],
-)
-def test_bad_option__is_refused_with_a_hint(
-    case: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path / "out"), *case.split()])
-    assert command.main() == 2
-    error = capfd.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    assert hint in error
+    arguments = ("random", "--tasks", "random:2:1", "--engine", "ray", "--out", tmp_path / "out")
+    told = EVALUATE.refusal(capfd, *arguments)
+    assert told == "--engine ray needs Ray: pip install snake-mode-env[ray]"
     assert not (tmp_path / "out").exists()
 
 
 def _started(out: Path, workers: int) -> subprocess.Popen[str]:
     """The long run, once some of its shards are on disk."""
-    process = _start(*LONG, out, "--workers", workers)
+    process = EVALUATE.start(*LONG, out, "--workers", workers)
     partial = out / "episodes.partial.jsonl"
     deadline = time.monotonic() + 60
     while not partial.exists() or partial.read_bytes().count(b"\n") < 41:
@@ -492,7 +353,7 @@ def _resume(out: Path, reference: Path) -> None:
     printed = _good(*LONG, out, "--workers", 2, "--resume")
     assert f"\n{left} episodes in " in printed
     _same(out, reference)
-    assert {path.name for path in out.iterdir()} == {"episodes.csv", "summary.json"}
+    assert names(out) == {"episodes.csv", "summary.json"}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -503,7 +364,7 @@ def test_interrupted_run__keeps_what_it_has_and_resumes(
     stdout, stderr = _end(process, signal.SIGINT)
     assert process.returncode == 130
     assert "Traceback" not in stdout + stderr
-    rows, whole = _rows(tmp_path / "out"), _rows(reference)
+    rows, whole = episodes(tmp_path / "out"), episodes(reference)
     assert 40 <= len(rows) < 150
     assert [row for row in whole if row in rows] == rows  # in order, and equal
     assert _summary(tmp_path / "out")["policies"]["analytic"]["n"] == len(rows)
@@ -518,7 +379,7 @@ def test_killed_run__resumes(reference: Path, tmp_path: Path) -> None:
     process = _started(out, 1)
     _end(process, signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
-    assert {path.name for path in out.iterdir()} == {"episodes.partial.jsonl"}
+    assert names(out) == {"episodes.partial.jsonl"}
     with (out / "episodes.partial.jsonl").open("a") as file:
         file.write('{"key": ["analytic", 14')  # torn off
     _resume(out, reference)
@@ -532,21 +393,17 @@ def test_run_whose_workers_died__keeps_what_it_has(
         raise WorkerLostError("workers died 6 times: killed")
 
     out = tmp_path / "out"
-    arguments = f"random --tasks random:5:3 --out {out}"
-    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
     monkeypatch.setattr(Engine, "map", dying)
-    handler = signal.getsignal(signal.SIGTERM)
-    assert command.main() == 1
-    signal.signal(signal.SIGTERM, handler)
+    assert EVALUATE.run("random", "--tasks", "random:5:3", "--out", out) == 1
     assert capsys.readouterr().err == (
         "error: workers died 6 times: killed: 3 finished episodes are in "
         f"{out}: --resume continues from there\n"
     )
-    assert [row["task"] for row in _rows(out)] == ["0", "1", "2"]
+    assert [row["task"] for row in episodes(out)] == ["0", "1", "2"]
     assert (out / "episodes.partial.jsonl").is_file()
 
 
-def test_shards_of_many_tasks__give_the_same_rows(
+def test_shards_of_many_tasks__give_the_sameepisodes(
     report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, "_LEAST_SHARDS", 1)
@@ -555,9 +412,8 @@ def test_shards_of_many_tasks__give_the_same_rows(
     monkeypatch.setattr(
         command, "run_shard", lambda shard: (sizes.append(len(shard.tasks)), run_shard(shard))[1]
     )
-    arguments = f"analytic random skid --tasks random:6:3 --workers 1 --out {tmp_path / 'out'}"
-    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split(), "--no-pictures"])
-    assert command.main() == 0
+    words = "analytic random skid --tasks random:6:3 --workers 1 --no-pictures --out"
+    EVALUATE.good(*words.split(), tmp_path / "out")
     assert sizes == [4, 2] * 3
     assert (tmp_path / "out/episodes.csv").read_bytes() == (report / "episodes.csv").read_bytes()
 
@@ -572,11 +428,8 @@ def test_full_disk__ends_the_run_in_one_line_and_keeps_what_is_finished(
         "import resource, sys; from evaluate.__main__ import main; "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, -1)); sys.exit(main())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", limited, *arguments, "--workers", "1"],
-        cwd=ROOT, text=True, capture_output=True,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (1, "")
+    done = python("-c", limited, *arguments, "--workers", 1, code=1)
+    assert done.stdout == ""
     pattern = (
         r"error: .*File too large: (\d) finished episodes are in .*: --resume continues from there"
     )
@@ -585,19 +438,19 @@ def test_full_disk__ends_the_run_in_one_line_and_keeps_what_is_finished(
     assert 0 < int(match[1]) < 6
     printed = _good(*arguments, "--resume")
     assert "6/6" in printed
-    own = [row for row in _rows(report) if row["policy"] == "skid"]
-    assert _rows(out) == own
+    own = [row for row in episodes(report) if row["policy"] == "skid"]
+    assert episodes(out) == own
 
 
 def test_reader_that_goes__ends_the_command_quietly(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = _start("skid", "--tasks", "random:3:3", "--no-pictures", "--out", out)
+    process = EVALUATE.start("skid", "--tasks", "random:3:3", "--no-pictures", "--out", out)
     assert process.stdout is not None
     process.stdout.close()
     assert process.stderr is not None
     assert process.stderr.read() == ""
     assert process.wait(60) == 141
-    assert len(_rows(out)) == 3  # what was finished is there
+    assert len(episodes(out)) == 3  # what was finished is there
 
 
 def test_full_disk_behind_stdout__is_told_in_one_line() -> None:
@@ -617,18 +470,16 @@ def test_sentences__are_the_last_that_is_printed(folder: Path, report: Path) -> 
 
 def test_seeds_of_a_method__are_summed_up(tmp_path: Path) -> None:
     shipped = ROOT / "snake_env" / "pretrained" / "imitate"
-    names = []
-    for seed in range(2):
-        run = tmp_path / f"imitate-s{seed}"
-        run.mkdir()
-        shutil.copy(shipped.with_suffix(".safetensors"), run / "best.safetensors")
-        names.append(run / "best.safetensors")
+    models = [tmp_path / f"imitate-s{seed}" / "best.safetensors" for seed in range(2)]
+    for model in models:
+        model.parent.mkdir()
+        shutil.copy(shipped.with_suffix(".safetensors"), model)
     printed = _good(
-        "skid", *names, "--tasks", "random:4:3", "--no-latency", "--out", tmp_path / "o"
+        "skid", *models, "--tasks", "random:4:3", "--no-latency", "--out", tmp_path / "o"
     )
     (name,) = (seeds := _summary(tmp_path / "o")["seeds"])
     assert name == f"{tmp_path}/imitate-s*/best.safetensors"
-    assert seeds[name]["policies"] == list(map(str, names))
+    assert seeds[name]["policies"] == list(map(str, models))
     assert printed.splitlines()[-1] == seeds[name]["sentence"]
 
 
@@ -646,11 +497,9 @@ class _Failing(FirstFeasiblePolicy):
 
 
 @pytest.fixture
-def failing(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def failing(monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setitem(POLICIES, "failing", _Failing)
-    handler = signal.getsignal(signal.SIGTERM)
-    yield "failing"
-    signal.signal(signal.SIGTERM, handler)
+    return "failing"
 
 
 def test_policy_that_raises__ends_its_episode_only(failing: str) -> None:
@@ -668,19 +517,15 @@ def test_policy_that_raises__ends_its_episode_only(failing: str) -> None:
 
 
 def test_policy_that_raises__is_reported_and_the_run_ends_well(
-    failing: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    failing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    arguments = f"{failing} --tasks random:20:3 --workers 1 --set horizon=4 --out {out}"
-    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
-    assert command.main() == 0
+    words = "--tasks random:20:3 --workers 1 --set horizon=4 --out"
+    EVALUATE.good(failing, *words.split(), out)
     printed = capsys.readouterr().out
     assert "failing: error on task 1 and 1 more: ZeroDivisionError" in printed
     assert "2 error in phase 1" in printed
-    rows = _rows(out)
+    rows = episodes(out)
     assert [int(row["task"]) for row in rows] == list(range(20))
     assert [int(row["task"]) for row in rows if row["outcome"] == "error"] == [1, 12]
     assert rows[12]["error"] == "ZeroDivisionError: no idea, \u00e9 either"

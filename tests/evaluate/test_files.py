@@ -15,6 +15,7 @@ from evaluate.store import Store, write_results
 from evaluate.summary import build_summary
 from harness.command import PlainConsole
 from snake_env.errors import InvalidInputError
+from tests.support.damage import damaged
 from tests.support.evaluations import SUITE, rows_of
 from tests.support.robots import PAPER
 
@@ -34,15 +35,6 @@ VALUES = st.recursive(
     ),
     max_leaves=5,
 )
-
-
-def _damaged(content: bytes, data: st.DataObject) -> bytes:
-    """The content with some bytes removed, put in or changed."""
-    damaged = bytearray(content)
-    for _ in range(data.draw(st.integers(1, 3))):
-        at = data.draw(st.integers(0, len(damaged)))
-        damaged[at : at + data.draw(st.integers(0, 6))] = data.draw(st.binary(max_size=6))
-    return bytes(damaged)
 
 
 def _changed(value: Any, data: st.DataObject) -> Any:
@@ -85,7 +77,7 @@ def test_any_summary__is_read_or_refused(folder: Path, data: st.DataObject) -> N
     good = path.read_bytes()
     try:
         content = json.dumps(_changed(json.loads(good), data)).encode()
-        path.write_bytes(data.draw(st.sampled_from([content, _damaged(good, data)])))
+        path.write_bytes(data.draw(st.sampled_from([content, damaged(good, data)])))
         assert "\n" not in _one_line(lambda: _compare(folder))
     finally:
         path.write_bytes(good)
@@ -97,7 +89,7 @@ def test_any_episodes__are_read_or_refused(folder: Path, data: st.DataObject) ->
     path = folder / "episodes.csv"
     good = path.read_bytes()
     try:
-        path.write_bytes(_damaged(good, data))
+        path.write_bytes(damaged(good, data))
         assert "\n" not in _one_line(lambda: _compare(folder))
     finally:
         path.write_bytes(good)
@@ -116,24 +108,10 @@ def test_any_journal__is_resumed_or_refused(tmp_path: Path, data: st.DataObject)
     entry = _changed(json.loads(lines[at]), data)
     lines[at] = json.dumps(entry) + "\n"
     crafted = (header + "".join(lines)).encode()
-    path.write_bytes(data.draw(st.sampled_from([crafted, _damaged(path.read_bytes(), data)])))
+    path.write_bytes(data.draw(st.sampled_from([crafted, damaged(path.read_bytes(), data)])))
     resumed: list[Store] = []
     told = _one_line(lambda: resumed.append(Store(tmp_path, CONFIG, resume=True)))
     assert "\n" not in told
     for again in resumed:
         assert 0 <= again.done <= len(SUITE)
         assert all(tuple(row) == COLUMNS for row in again.rows("random"))
-
-
-ENTRIES = ["{}", "null", "[]", "3", '"x"', "[" * 100_000, "9" * 10_000, '{"rows": {}}']
-
-
-@pytest.mark.parametrize("line", ENTRIES, ids=range(len(ENTRIES)))
-def test_odd_lines_of_a_journal__are_skipped_or_refused(tmp_path: Path, line: str) -> None:
-    path = tmp_path / "episodes.partial.jsonl"
-    Store(tmp_path, CONFIG, resume=False)
-    with path.open("a") as file:
-        file.write(line + "\n")
-    told = _one_line(lambda: Store(tmp_path, CONFIG, resume=True))
-    assert "\n" not in told
-    assert told == "" or "a finished piece of this work" in told

@@ -7,10 +7,11 @@ import pytest
 
 from evaluate import latency
 from evaluate.latency import measure_latencies
-from evaluate.protocol import Row, Shard, run_shard
+from evaluate.protocol import Row
 from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
+from tests.support.evaluations import evaluated
 from tests.support.robots import PAPER
 
 SHORT = PAPER.replace(horizon=4)
@@ -46,8 +47,7 @@ def _policies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _rows(policy: str) -> list[Row]:
-    states = [SUITE.initial(task, SHORT) for task in range(5)]
-    return run_shard(Shard(policy, list(range(5)), states, SHORT))
+    return evaluated(policy, SUITE, SHORT)
 
 
 def test_decisions__are_made_again_in_the_episodes_states() -> None:

@@ -1,14 +1,12 @@
 """Policies of other people in an evaluation: loaded by name, limited in time, never able to end it."""
 
 import signal
-import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from evaluate import __main__ as command
+from evaluate.__main__ import main
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import is_outside, make_policy
 from evaluate.protocol import Shard, run_episode, run_shard
@@ -16,8 +14,11 @@ from harness.engine import Engine
 from snake_env.errors import InvalidInputError
 from snake_env.policies.registry import FirstFeasiblePolicy
 from snake_env.sim.tasks import random_suite
+from tests.support.commands import Command
 from tests.support.policies_of_others import Sleepy, Wrong
 from tests.support.robots import PAPER
+
+EVALUATE = Command(main)
 
 OTHERS = "tests.support.policies_of_others"
 SHORT = PAPER.replace(horizon=2)
@@ -89,12 +90,8 @@ def test_bad_policy__is_refused_with_the_reason(
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InvalidInputError, match=BAD[name]):
         make_policy(name, PAPER)
-    monkeypatch.setattr(sys, "argv", ["evaluate", "--policy", name])
-    assert command.main() == 2
-    stdout, stderr = capsys.readouterr()
-    assert stdout == ""
-    assert stderr.startswith(f"error: policy = '{name}': expected ")
-    assert stderr.count("\n") == 1
+    told = EVALUATE.refusal(capsys, "--policy", name)
+    assert told.startswith(f"policy = '{name}': expected ")
 
 
 @pytest.mark.parametrize(
@@ -109,11 +106,9 @@ def test_bad_policy__is_refused_with_the_reason(
     ],
 )
 def test_bad_options__are_refused(
-    arguments: str, message: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    arguments: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["evaluate", *arguments.split()])
-    assert command.main() == 2
-    assert message in capsys.readouterr().err
+    assert message in EVALUATE.refusal(capsys, *arguments.split())
 
 
 def test_policy_that_takes_forever__ends_its_episode_only() -> None:

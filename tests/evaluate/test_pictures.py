@@ -19,7 +19,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from evaluate.pictures import draw_all, figure_4, figure_5, filmstrip
-from evaluate.protocol import Row, Shard, run_shard
+from evaluate.protocol import Row
 from evaluate.replay import Replay, replay
 from snake_env.modes import mode_table
 from snake_env.rendering.drawing import BODY, INK, LIFTED, SUPPORT
@@ -27,6 +27,7 @@ from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
 from tests.support import first
+from tests.support.evaluations import evaluated
 from tests.support.robots import PAPER, all_lifted, random_state, row_of, sim_1_episode
 
 PHASE_3 = mode_table(8).valid(3)
@@ -34,9 +35,7 @@ PHASE_3 = mode_table(8).valid(3)
 
 @functools.cache
 def _rows(policy: str) -> list[Row]:
-    suite = random_suite(8, 3, PAPER)
-    states = [suite.initial(task, PAPER) for task in range(8)]
-    return run_shard(Shard(policy, list(range(8)), states, PAPER))
+    return evaluated(policy, random_suite(8, 3, PAPER))
 
 
 @functools.cache

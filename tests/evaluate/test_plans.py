@@ -13,10 +13,7 @@ from snake_env.policies.value import PhaseValue
 from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks, random_suite
 from snake_env.state import SnakeState
-from tests.support.robots import PAPER, random_state, same_state, sim_1_episode
-
-NARROW = SnakeParams.preset("narrow")
-BLOCKED = random_state(1, NARROW, 7)  # no mode is feasible
+from tests.support.robots import DEADLOCK, NARROW, PAPER, random_state, same_state, sim_1_episode
 
 
 def _problem(task: int = 0, rollouts: int = 6_000, known: tuple[int, ...] = ()) -> Problem:
@@ -131,7 +128,7 @@ def test_solve__with_little_more_tells_the_width() -> None:
 
 
 def test_solve__says_that_a_task_is_impossible() -> None:
-    row = solve(Problem(5, BLOCKED, (), 2_000, NARROW))
+    row = solve(Problem(5, DEADLOCK, (), 2_000, NARROW))
     assert row == {
         "task": 5, "intervals": "", "time_s": "", "cost": "", "rollouts": 4, "width": 0,
         "impossible": 1, "phase": 7, "modes": "",
@@ -183,7 +180,7 @@ def test_solve__tries_the_value_alone_where_there_is_a_plan(
 
 def test_dead_end__is_found_where_nothing_is_feasible() -> None:
     budget = Budget()
-    assert dead_end(BLOCKED, NARROW, budget) == 7
+    assert dead_end(DEADLOCK, NARROW, budget) == 7
     assert budget.spent == 2
 
 

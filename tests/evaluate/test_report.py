@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluate.protocol import Row, Shard, check_policy, run_shard
+from evaluate.protocol import Row, check_policy
 from evaluate.replay import replay
 from evaluate.report import charts, replays, svg, write_report
 from evaluate.report.episodes import DISAGREEMENTS, FAILURES_EACH, choose
@@ -25,7 +25,7 @@ from snake_env.policies.skid import skid
 from snake_env.sim.episode import STILL
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_suite
 from tests.support import ROOT
-from tests.support.evaluations import SUITE, rows_of, summary_of
+from tests.support.evaluations import SUITE, evaluated, rows_of, summary_of
 from tests.support.robots import PAPER, row_of
 
 POLICIES = ("analytic", "random", "skid")
@@ -322,14 +322,8 @@ def test_replays__are_left_out_beyond_the_budget(monkeypatch: pytest.MonkeyPatch
 
 
 def _row(policy: str, task: int, time_s: float, outcome: str = "success", phase: int = 9) -> Row:
-    return {
-        **rows_of("analytic")[0],
-        "policy": policy,
-        "task": task,
-        "time_s": time_s,
-        "outcome": outcome,
-        "phase": phase,
-    }
+    changes = {"policy": policy, "task": task, "time_s": time_s, "outcome": outcome, "phase": phase}
+    return rows_of("analytic")[0] | changes
 
 
 def _many() -> dict[str, list[Row]]:
@@ -409,8 +403,7 @@ def test_poor_results__still_make_a_page(case: str) -> None:
 def test_other_robots__have_their_own_number_of_joints(tmp_path: Path) -> None:
     params = SnakeParams.preset("hardware", n_joints=6)
     suite = random_suite(2, 1, params)
-    states = [suite.initial(task, params) for task in range(2)]
-    rows = {"analytic": run_shard(Shard("analytic", [0, 1], states, params))}
+    rows = {"analytic": evaluated("analytic", suite, params)}
     summary = summary_of(rows, params)
     path = write_report(tmp_path, ["analytic"], rows, summary, params, suite)
     outline = Outline(page := path.read_text(encoding="utf-8"))
@@ -421,7 +414,7 @@ def test_other_robots__have_their_own_number_of_joints(tmp_path: Path) -> None:
     assert [episode["name"] for episode in data["episodes"]] != ["sim-1"]  # it has 8 joints
     assert "Fig. 5" not in outline.text
     for run in data["episodes"][0]["runs"]:
-        motion = motion_of(rows["analytic"][0], states[0], params)
+        motion = motion_of(rows["analytic"][0], suite.initial(0, params), params)
         assert decode_angles(run["phi"], 6).shape[1] == motion.phi.shape[1] == 6
     changed = [attributes for _, attributes in outline.tags if attributes.get("class") == "changed"]
     assert len(changed) == sum(

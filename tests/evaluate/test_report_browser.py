@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from evaluate.report import write_report
 from evaluate.report.motion import encode, motion_of
 from snake_env.rendering.drawing import convex_hull, geometry
 from tests.support import ROOT
-from tests.support.browser import chromium, needs_browser
+from tests.support.browser import needs_browser
 from tests.support.evaluations import SUITE, rows_of, summary_of
 from tests.support.robots import PAPER, random_state
 
@@ -21,12 +22,6 @@ TIME = "() => Number(document.querySelector('#scrub').value)"
 PIXELS = "side => document.querySelector(`[data-side=${side}] canvas`).toDataURL()"
 
 pytestmark = needs_browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +56,16 @@ class Opened:
         self.page.focus("#player")
         for key in keys:
             self.page.keyboard.press(key)
+
+
+@contextmanager
+def with_scripts(browser: Any, *names: str) -> Iterator[Any]:
+    """An empty page with scripts of the report."""
+    with browser.new_context() as context:
+        page = context.new_page()
+        for name in names:
+            page.add_script_tag(content=(ROOT / "evaluate" / "report" / name).read_text())
+        yield page
 
 
 @pytest.fixture
@@ -223,7 +228,6 @@ def test_failures__are_shown_from_shortly_before_the_violation(opened: Opened) -
 
 
 def test_endings__name_the_joint_and_when_the_robot_stopped(browser: Any) -> None:
-    scripts = [ROOT / "evaluate" / "report" / name for name in ("robot.js", "player.js")]
     call = """run => {
       const robot = { delta_t: 3 };
       const whole = { phases: [1, 1, 2], lastPhase: 2, at: () => ({ phi: run.phi }), ...run };
@@ -236,16 +240,13 @@ def test_endings__name_the_joint_and_when_the_robot_stopped(browser: Any) -> Non
         "out of time in phase 2": ("horizon", [0.0], 300.0, 300.0),
         "links touched in phase 2": ("collision", [0.0], 5.0, 5.1),
     }
-    with browser.new_context() as context:
-        page = context.new_page()
-        page.add_script_tag(content="\n".join(script.read_text() for script in scripts))
+    with with_scripts(browser, "robot.js", "player.js") as page:
         for words, (outcome, phi, end, time) in cases.items():
             run = {"outcome": outcome, "phi": phi, "end": end, "time": time, "solved": False}
             assert page.evaluate(call, run) == words
 
 
 def test_centre_of_gravity__is_red_where_nothing_supports_it(browser: Any) -> None:
-    script = (ROOT / "evaluate" / "report" / "robot.js").read_text()
     robot = {"n_joints": 8, "l": PAPER.l, "track": PAPER.track, "head_contact": True}
     robot |= {"phi_limit": PAPER.phi_limit, "w_d": list(PAPER.w_d)}
     call = """([robot, lifted, tips]) => {
@@ -259,9 +260,7 @@ def test_centre_of_gravity__is_red_where_nothing_supports_it(browser: Any) -> No
       view.draw(run, pose, 0, Array(8).fill(0.1), [-1, -1, 2, 1], colours);
       return colour;
     }"""
-    with browser.new_context() as context:
-        page = context.new_page()
-        page.add_script_tag(content=script)
+    with with_scripts(browser, "robot.js") as page:
         for lifted, tips, colour in (
             ([1, 2, 3], False, "orange"),
             ([4, 5, 6, 7, 8], False, "red"),  # the rear half hangs in the air
@@ -430,11 +429,8 @@ def test_motion__starts_by_itself_only_for_who_likes_it(
 
 
 def test_geometry__is_that_of_the_package(browser: Any) -> None:
-    script = (ROOT / "evaluate" / "report" / "robot.js").read_text()
     robot = {"n_joints": 8, "l": PAPER.l, "track": PAPER.track}
-    with browser.new_context() as context:
-        page = context.new_page()
-        page.add_script_tag(content=script)
+    with with_scripts(browser, "robot.js") as page:
         for seed in range(20):
             state = random_state(seed, PAPER)
             place = geometry(state.phi, state.w, PAPER)
@@ -450,7 +446,6 @@ def test_geometry__is_that_of_the_package(browser: Any) -> None:
 
 
 def test_runs__are_decoded_as_they_were_encoded(browser: Any) -> None:
-    script = (ROOT / "evaluate" / "report" / "robot.js").read_text()
     row = rows_of("analytic")[0]
     motion = motion_of(row, SUITE.initial(0, PAPER), PAPER)
     run = {**encode(motion, PAPER), "outcome": row["outcome"], "phase": 9, "error": "", "modes": []}
@@ -460,9 +455,7 @@ def test_runs__are_decoded_as_they_were_encoded(browser: Any) -> None:
       const decoded = new Run(run, robot);
       return times.map(time => [decoded.at(time).phi, decoded.interval(time)]);
     }"""
-    with browser.new_context() as context:
-        page = context.new_page()
-        page.add_script_tag(content=script)
+    with with_scripts(browser, "robot.js") as page:
         found = page.evaluate(call, [run, robot, times])
     clock = np.arange(len(motion.phi)) * PAPER.dt
     for time, (phi, interval) in zip(times, found, strict=True):

@@ -122,15 +122,6 @@ def test_solve__that_is_interrupted_keeps_its_plans_and_resumes(
     assert names(tmp_path) == {"plans.csv", "search.json"}
 
 
-def test_solve__resumes_behind_a_torn_line(solved: Path, tmp_path: Path) -> None:
-    EVALUATE.interrupt(2, *SOLVE, tmp_path)
-    partial = tmp_path / "plans.partial.jsonl"
-    partial.write_bytes(partial.read_bytes()[:-20])
-    EVALUATE.interrupt(1, *SOLVE, tmp_path, "--resume")
-    EVALUATE.good(*SOLVE, tmp_path, "--resume")
-    assert (tmp_path / "plans.csv").read_bytes() == (solved / "plans.csv").read_bytes()
-
-
 @pytest.mark.parametrize(
     "changes",
     [("--budget", "1600"), ("--tasks", "random:4:6"), ("--tasks", "random:5:5"),

@@ -16,22 +16,11 @@ Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
 
 def _row(outcome: str = "success", time_s: float = 30.0, **changes: Any) -> dict[str, Any]:
     row = {
-        "policy": "p",
-        "task": 0,
-        "outcome": outcome,
-        "intervals": 10,
-        "time_s": time_s,
-        "phase": 9 if outcome == "success" else 7,
-        "cost_integral": 5.0,
-        "d_min": 0.25,
-        "max_abs_phi": 1.5,
-        "head_error_m": 0.0,
-        "head_error_rad": 0.0,
-        "shape_error_rad": 0.03,
-        "rollouts": 100,
-        "modes": " ".join(["3"] * 10),
-        "error": "",
-    }
+        "policy": "p", "task": 0, "outcome": outcome, "intervals": 10, "time_s": time_s,
+        "phase": 9 if outcome == "success" else 7, "cost_integral": 5.0, "d_min": 0.25,
+        "max_abs_phi": 1.5, "head_error_m": 0.0, "head_error_rad": 0.0, "shape_error_rad": 0.03,
+        "rollouts": 100, "modes": " ".join(["3"] * 10), "error": "",
+    }  # fmt: skip
     return {**row, **changes}
 
 
@@ -85,13 +74,8 @@ def test_summary__of_mixed_rows() -> None:
     assert summary["shape_error_rad"] == errors  # of the successes only
     assert summary["name"] == "p"
     assert summary["violations"] == 3
-    assert summary["outcomes"] == {
-        "deadlock": 1,
-        "error": 1,
-        "joint_limit": 1,
-        "stability": 2,
-        "success": 3,
-    }
+    counts = {"deadlock": 1, "error": 1, "joint_limit": 1, "stability": 2, "success": 3}
+    assert summary["outcomes"] == counts
     assert summary["failures_by_phase"] == {
         "deadlock in phase 7": 1,
         "error in phase 1": 1,

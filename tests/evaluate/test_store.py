@@ -1,6 +1,5 @@
 """The result folder: shards as they come, resuming, atomic files, refusals."""
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -10,25 +9,19 @@ import pytest
 
 from evaluate.protocol import COLUMNS, Row
 from evaluate.store import LAYOUT, Store
-from harness.files import write_atomically
 from harness.folder import held
 from snake_env.errors import InvalidInputError
+from tests.support.commands import names
+from tests.support.evaluations import episodes
 
 CONFIG = {"policies": ["b", "a"], "tasks": {"n": 30}, "params": {"l": 0.091}}
 
 
 def _row(policy: str, task: int, **changes: Any) -> Row:
     row = dict.fromkeys(COLUMNS, 0.1 + task / 3) | {
-        "policy": policy,
-        "task": task,
-        "outcome": "success",
-        "intervals": 13,
-        "phase": 9,
-        "cost_integral": math.nan,
-        "rollouts": 2**40,
-        "modes": "0 98 12",
-        "error": "",
-    }
+        "policy": policy, "task": task, "outcome": "success", "intervals": 13, "phase": 9,
+        "cost_integral": math.nan, "rollouts": 2**40, "modes": "0 98 12", "error": "",
+    }  # fmt: skip
     return row | changes
 
 
@@ -42,18 +35,13 @@ def _store(folder: Path, *, resume: bool = False, overwrite: bool = False) -> St
 
 
 def _written(folder: Path) -> list[tuple[str, int]]:
-    with (folder / "episodes.csv").open(newline="") as file:
-        return [(row["policy"], int(row["task"])) for row in csv.DictReader(file)]
+    return [(row["policy"], int(row["task"])) for row in episodes(folder)]
 
 
 def _write(store: Store, summary: dict[str, Any], *, complete: bool) -> None:
     store.write({name: store.rows(name) for name in "ba"}, summary)
     if complete:
         store.finish()
-
-
-def _names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def test_results__are_sorted_whatever_the_order_of_arrival(tmp_path: Path) -> None:
@@ -93,9 +81,9 @@ def test_missing__are_the_tasks_without_a_result(tmp_path: Path) -> None:
 def test_complete_run__leaves_two_files_with_ordinary_rights(tmp_path: Path) -> None:
     store = _store(tmp_path)
     store.add(_result("a", 0))
-    assert _names(tmp_path) == {"episodes.partial.jsonl"}
+    assert names(tmp_path) == {"episodes.partial.jsonl"}
     _write(store, {"policies": {"a": 1}}, complete=True)
-    assert _names(tmp_path) == {"episodes.csv", "summary.json"}
+    assert names(tmp_path) == {"episodes.csv", "summary.json"}
     assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o644}
     assert json.loads((tmp_path / "summary.json").read_text()) == {"policies": {"a": 1}}
 
@@ -104,7 +92,7 @@ def test_interrupted_run__keeps_its_shards_and_resumes(tmp_path: Path) -> None:
     store = _store(tmp_path)
     store.add(_result("a", 10))
     _write(store, {}, complete=False)
-    assert _names(tmp_path) == {"episodes.csv", "summary.json", "episodes.partial.jsonl"}
+    assert names(tmp_path) == {"episodes.csv", "summary.json", "episodes.partial.jsonl"}
     again = _store(tmp_path, resume=True)
     assert again.done == 10
     again.add(_result("a", 0))
@@ -137,7 +125,11 @@ def test_resume__drops_a_torn_last_line(tmp_path: Path, cut: int) -> None:
 FOREIGN = {
     "another piece": {"key": 1},
     "no piece": [1, 2],
+    "an empty list": [],
+    "a number": 3,
+    "a text": "x",
     "no rows": {"rows": 3},
+    "rows by name": {"rows": {}},
     "an unknown policy": {"rows": [_row("c", 20)]},
     "a task that is not in the suite": {"rows": [_row("a", 30)]},
     "two policies": {"rows": [_row("a", 20), _row("b", 20)]},
@@ -168,7 +160,15 @@ def test_resume__refuses_a_damaged_journal_and_keeps_it(tmp_path: Path, entry: A
     with pytest.raises(InvalidInputError, match=r"line 3 of .*expected a finished piece"):
         _store(tmp_path, resume=True)
     assert partial.read_bytes() == before
-    assert _names(tmp_path) == {"episodes.partial.jsonl"}
+    assert names(tmp_path) == {"episodes.partial.jsonl"}
+
+
+@pytest.mark.parametrize("line", ["[" * 100_000, "9" * 10_000], ids=["brackets", "digits"])
+def test_resume__skips_a_line_that_is_not_json(tmp_path: Path, line: str) -> None:
+    _store(tmp_path).add(_result("a", 0))
+    with (tmp_path / "episodes.partial.jsonl").open("a") as file:
+        file.write(line + "\n")
+    assert _store(tmp_path, resume=True).done == 10
 
 
 def test_resumed_results__are_equal_to_the_digit(tmp_path: Path) -> None:
@@ -236,38 +236,10 @@ def test_overwrite__also_forgets_an_interrupted_run(tmp_path: Path) -> None:
     assert _store(tmp_path, resume=True).done == 0
 
 
-def test_folder_below_a_file__is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(InvalidInputError, match=r"out = .*: expected a folder to write to"):
-            _store(folder)
-
-
 def test_store_without_folder__writes_nothing(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     store = Store(None, CONFIG, resume=False)
     store.add(_result("a", 0))
     _write(store, {}, complete=True)
     assert len(store.rows("a")) == 10
-    assert _names(tmp_path) == set()
-
-
-def test_write_atomically__replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_text("old")
-    with path.open() as reader:
-        write_atomically(path, "new\n")
-        assert reader.read() == "old"  # whoever had it open still reads the old one
-    assert path.read_bytes() == b"new\n"
-    assert _names(tmp_path) == {"file"}
-
-
-def test_write_atomically__that_fails_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "file"
-    path.write_text("old")
-    with pytest.raises(UnicodeEncodeError):
-        write_atomically(path, "new \ud800")
-    assert path.read_text() == "old"
-    assert _names(tmp_path) == {"file"}
+    assert names(tmp_path) == set()

@@ -17,21 +17,11 @@ from harness.progress import progress, tracked
 from tests.support import ROOT
 
 ODD = [
-    "res[/red]",
-    "res[new]",
-    "[bold]x[/bold]",
-    "[link=file:///]x",
-    ":100: 1",
-    "a\\[b]",
-    "[@click=f]",
+    *("res[/red]", "res[new]", "[bold]x[/bold]", "[link=file:///]x"),
+    *(":100: 1", "a\\[b]", "[@click=f]"),
 ]
 CONTROLS = [
-    "\x1b[2J",
-    "\x1b]0;title\x07",
-    "a\rb",
-    "\x9b31m",
-    "\u202ereversed",
-    "half \udcff a pair",
+    *("\x1b[2J", "\x1b]0;title\x07", "a\rb", "\x9b31m", "\u202ereversed", "half \udcff a pair")
 ]
 
 
@@ -79,9 +69,7 @@ def test_controls__never_reach_the_terminal(text: str, capsys: Any) -> None:
     assert all(char.isprintable() or char == "\n" for char in written)
 
 
-def test_rate_and_time_left__count_what_is_done_now_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_rate_and_time_left__count_what_is_done_now_only(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [1000.0]
     monkeypatch.setattr("harness.progress.time.monotonic", lambda: now[0])
     with _printing() as (console, file), progress(console, 1_000_000, "decisions", 900_000) as step:

@@ -20,10 +20,13 @@ import psutil
 import pytest
 import threadpoolctl
 
+from evaluate.__main__ import main
 from harness.engine import Engine, WorkerLostError
-from snake_env.errors import InvalidInputError, MissingDependencyError, UnknownNameError
-from tests.support import HANGS_S, ROOT
+from snake_env.errors import InvalidInputError, UnknownNameError
+from tests.support import HANGS_S
+from tests.support.commands import Command, names
 
+EVALUATE = Command(main)
 SHARDS = list(range(30))
 TASKS = ("analytic", "random", "--tasks", "random:150:1", "--no-latency", "--no-pictures")
 
@@ -192,12 +195,6 @@ def test_unknown_engine__is_refused() -> None:
         Engine(engine="rai").check()  # type: ignore[arg-type]
 
 
-def test_missing_ray__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingDependencyError, match=r"pip install snake-mode-env\[ray\]"):
-        Engine(engine="ray").check()
-
-
 @needs_ray
 @pytest.mark.parametrize("address", ["nonsense", "ray://127.0.0.1:10001", "local", "host:port"])
 def test_address_that_is_none__is_refused_at_once(address: str) -> None:
@@ -212,30 +209,15 @@ def _free_port() -> int:
         return port
 
 
-def _evaluate(*arguments: object, **environment: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "evaluate", *map(str, arguments)],
-        cwd=ROOT, env=os.environ | environment, text=True, stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-
-
-def _good(process: subprocess.Popen[str]) -> str:
-    _, stderr = process.communicate(timeout=HANGS_S)
-    assert process.returncode == 0, stderr
-    return stderr
-
-
 @needs_ray
 def test_unreachable_cluster__is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text("{}")
     arguments = (*TASKS, "--out", tmp_path, "--overwrite", "--engine", "ray")
-    process = _evaluate(*arguments, "--address", f"127.0.0.1:{_free_port()}")
-    stdout, stderr = process.communicate(timeout=HANGS_S)
-    assert (process.returncode, stdout, stderr.count("\n")) == (2, "", 1)
-    assert stderr.startswith("error: address = '127.0.0.1:")
-    assert "expected a Ray cluster that answers within 15 s" in stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"summary.json"}
+    done = EVALUATE.process(*arguments, "--address", f"127.0.0.1:{_free_port()}", code=2)
+    assert (done.stdout, done.stderr.count("\n")) == ("", 1)
+    assert done.stderr.startswith("error: address = '127.0.0.1:")
+    assert "expected a Ray cluster that answers within 15 s" in done.stderr
+    assert names(tmp_path) == {"summary.json"}
 
 
 @pytest.fixture(scope="module")
@@ -281,14 +263,14 @@ def cluster() -> Iterator[dict[str, str]]:
 def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What one process gives."""
     out = tmp_path_factory.mktemp("engine") / "local"
-    _good(_evaluate(*TASKS, "--out", out, "--workers", 1))
+    EVALUATE.process(*TASKS, "--out", out, "--workers", 1)
     return out
 
 
 def _check_equal(out: Path, reference: Path) -> None:
     assert (out / "episodes.csv").read_bytes() == (reference / "episodes.csv").read_bytes()
     assert (out / "summary.json").read_bytes() == (reference / "summary.json").read_bytes()
-    assert {path.name for path in out.iterdir()} == {"episodes.csv", "summary.json"}
+    assert names(out) == {"episodes.csv", "summary.json"}
 
 
 def _workers_of_a_cluster(token: str) -> list[psutil.Process]:
@@ -306,7 +288,7 @@ def test_cluster__gives_the_same_bytes_though_a_worker_is_killed(
 ) -> None:
     out = tmp_path / "out"
     arguments = (*TASKS, "--out", out, "--engine", "ray", "--address", "auto")
-    process = _evaluate(*arguments, **cluster)
+    process = EVALUATE.start(*arguments, **cluster)
     partial = out / "episodes.partial.jsonl"
     deadline = time.monotonic() + 60
     while not partial.exists() or partial.read_bytes().count(b"\n") < 30:
@@ -316,12 +298,13 @@ def test_cluster__gives_the_same_bytes_though_a_worker_is_killed(
     workers = _workers_of_a_cluster(cluster["RAY_AUTH_TOKEN"])
     assert len(workers) == 2
     workers[0].kill()
-    assert "a worker died: " in _good(process)
+    _, stderr = process.communicate(timeout=HANGS_S)
+    assert process.returncode == 0, stderr
+    assert "a worker died: " in stderr
     _check_equal(out, reference)
 
 
 def test_cluster__refuses_more_workers_than_it_has_cpus(cluster: dict[str, str]) -> None:
     arguments = (*TASKS, "--engine", "ray", "--address", "auto", "--workers", 3)
-    _, stderr = (process := _evaluate(*arguments, **cluster)).communicate(timeout=HANGS_S)
-    assert process.returncode == 2
-    assert stderr == "error: workers = 3: expected at most 2, the CPUs of the Ray cluster\n"
+    done = EVALUATE.process(*arguments, code=2, **cluster)
+    assert done.stderr == "error: workers = 3: expected at most 2, the CPUs of the Ray cluster\n"

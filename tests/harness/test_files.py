@@ -6,7 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.files import FileError, file_name, is_stray, parsed_json, read_bytes, read_json
+from harness.files import (
+    FileError,
+    file_name,
+    is_stray,
+    parsed_json,
+    read_bytes,
+    read_json,
+    write_atomically,
+)
+from tests.support.commands import names
 
 BAD_JSON = [
     "",
@@ -40,6 +49,28 @@ def test_read__keeps_its_bounds(tmp_path: Path) -> None:
     path.write_bytes(b"\xff")
     with pytest.raises(FileError, match="UTF-8"):
         read_json(path)
+
+
+@pytest.mark.parametrize("content", ["new\n", b"new\n"])
+def test_write_atomically__replaces_the_file_and_leaves_nothing_else(
+    tmp_path: Path, content: str | bytes
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with path.open() as reader:
+        write_atomically(path, content)
+        assert reader.read() == "old"  # whoever had it open still reads the old one
+    assert path.read_bytes() == b"new\n"
+    assert names(tmp_path) == {"file"}
+
+
+def test_write_atomically__that_fails_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with pytest.raises(UnicodeEncodeError):
+        write_atomically(path, "new \ud800")
+    assert path.read_text() == "old"
+    assert names(tmp_path) == {"file"}
 
 
 NAMES = [

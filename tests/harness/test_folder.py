@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from harness.files import write_atomically
+from evaluate.__main__ import main as evaluate
 from harness.folder import Layout, held
 from snake_env.errors import InvalidInputError
 from tests.support import ROOT
+from tests.support.commands import Command, names
+from train.__main__ import main as train
 
 LAYOUT = Layout(begun="work.jsonl", done="done.json", own=("*.png", "board"))
 HOLD = """
@@ -25,19 +27,15 @@ with held(Path(sys.argv[1]), Layout("work.jsonl", "done.json", ())):
 """
 
 
-def _names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
-
-
-def _fill(folder: Path, *names: str) -> None:
-    for name in names:
+def _fill(folder: Path, *files: str) -> None:
+    for name in files:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("x")
 
 
 @pytest.mark.parametrize(
-    ("names", "found"),
+    ("files", "found"),
     [
         ((), "nothing"),
         (("done.json",), "finished"),
@@ -47,11 +45,11 @@ def _fill(folder: Path, *names: str) -> None:
         ((".model.safetensors.partial",), "nothing"),
     ],
 )
-def test_resume__goes_by_what_is_there(tmp_path: Path, names: tuple[str, ...], found: str) -> None:
-    _fill(tmp_path, *names)
+def test_resume__goes_by_what_is_there(tmp_path: Path, files: tuple[str, ...], found: str) -> None:
+    _fill(tmp_path, *files)
     with held(tmp_path, LAYOUT, resume=True) as there:
         assert there == found
-        assert _names(tmp_path) == {name for name in names if name[0] not in ".t"}
+        assert names(tmp_path) == {name for name in files if name[0] not in ".t"}
 
 
 @pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
@@ -62,7 +60,7 @@ def test_foreign_folder__is_left_alone(tmp_path: Path, options: dict[str, bool])
         held(tmp_path, LAYOUT, **options),
     ):
         pass
-    assert _names(tmp_path) == {"notes.txt", "a.png", "tmp", "tmp-notes.txt"}
+    assert names(tmp_path) == {"notes.txt", "a.png", "tmp", "tmp-notes.txt"}
 
 
 def test_results__are_refused_or_replaced(tmp_path: Path) -> None:
@@ -71,7 +69,7 @@ def test_results__are_refused_or_replaced(tmp_path: Path) -> None:
         pass
     with held(tmp_path, LAYOUT, overwrite=True) as found:
         assert found == "nothing"
-        assert _names(tmp_path) == {"notes.txt"}
+        assert names(tmp_path) == {"notes.txt"}
 
 
 def test_held_folder__lets_no_other_in(tmp_path: Path) -> None:
@@ -83,7 +81,7 @@ def test_held_folder__lets_no_other_in(tmp_path: Path) -> None:
         ):
             pass
     with held(tmp_path, LAYOUT):
-        assert _names(tmp_path) == set()
+        assert names(tmp_path) == set()
 
 
 def test_lock__dies_with_its_owner(tmp_path: Path) -> None:
@@ -116,10 +114,10 @@ def test_what_a_killed_writer_leaves__blocks_nothing(
     tmp_path: Path, options: dict[str, bool]
 ) -> None:
     subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "done.json")], cwd=ROOT)
-    assert len(_names(tmp_path)) == 1
+    assert len(names(tmp_path)) == 1
     with held(tmp_path, LAYOUT, **options) as found:
         assert found == "nothing"
-        assert _names(tmp_path) == set()
+        assert names(tmp_path) == set()
 
 
 def test_folder_that_cannot_be_made__is_refused(tmp_path: Path) -> None:
@@ -131,27 +129,20 @@ def test_folder_that_cannot_be_made__is_refused(tmp_path: Path) -> None:
         pass
 
 
-def _process(*words: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", *map(str, words)], cwd=ROOT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-
-
 COMMANDS = {
-    "evaluate": "evaluate analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
-    "solve": "evaluate solve --tasks random:500 --workers 1 --budget 2000",
-    "value": "train value --episodes 4096 --workers 1",
-    "dqn": "train dqn --timesteps 1000000",
+    "evaluate": "analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
+    "solve": "solve --tasks random:500 --workers 1 --budget 2000",
+    "value": "value --episodes 4096 --workers 1",
+    "dqn": "dqn --timesteps 1000000",
 }
 MARKS = {"evaluate": "episodes.partial.jsonl", "solve": "plans.partial.jsonl"}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_second_process__is_refused(tmp_path: Path, command: str) -> None:
-    out = tmp_path / "out"
+    out, package = tmp_path / "out", Command(evaluate if command in MARKS else train)
     words = [*COMMANDS[command].split(), "--out", out]
-    first = _process(*words)
+    first = package.start(*words)
     deadline = time.monotonic() + 120
     while not (out / MARKS.get(command, "run.json")).exists():
         assert first.poll() is None, first.communicate()
@@ -159,19 +150,11 @@ def test_second_process__is_refused(tmp_path: Path, command: str) -> None:
         time.sleep(0.05)
     try:
         for option in ("--overwrite", "--resume"):
-            second = _process(*words, option)
-            stdout, stderr = second.communicate()
-            assert (second.returncode, stdout) == (2, "")
-            assert "a folder that no other process is writing to" in stderr
-            assert stderr.count("\n") == 1
+            second = package.process(*words, option, code=2)
+            assert second.stdout == ""
+            assert "a folder that no other process is writing to" in second.stderr
+            assert second.stderr.count("\n") == 1
         assert first.poll() is None
     finally:
         first.kill()
         first.communicate()
-
-
-def test_write_atomically__replaces_what_is_there(tmp_path: Path) -> None:
-    for content in ("old", b"new"):
-        write_atomically(tmp_path / "file", content)
-    assert (tmp_path / "file").read_bytes() == b"new"
-    assert _names(tmp_path) == {"file"}
