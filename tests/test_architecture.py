@@ -19,12 +19,7 @@ PHYSICS = ROOMS[: ROOMS.index("envs")]
 MOST_ROOMS = 16
 MOST_LINES = 300
 NEVER_AT_MODULE_LEVEL = {
-    "torch",
-    "stable_baselines3",
-    "sb3_contrib",
-    "matplotlib",
-    "numba",
-    "scipy",
+    *("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "numba", "scipy")
 }
 ADAPTERS = {"sb3": {"stable_baselines3", "torch"}}  # imported by no other module
 # What runs from the checkout, and what each of these packages may import beside itself and snake_env.

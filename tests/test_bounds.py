@@ -1,5 +1,6 @@
 """Numbers so large or small that arithmetic breaks down are refused at the boundary."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,14 @@ import pytest
 from snake_env import InvalidInputError, SnakeParams, SnakeState, predict
 from snake_env.envs import SnakeModeSelectionEnv
 from snake_env.envs.slip import check_slip
-from snake_env.sim.simulation import joint_input
+from snake_env.sim.simulation import advance, joint_input
 from tests.support.robots import PAPER, straight_state
 
 HUGE = [1e300, -1e300, 1e7, 10**400, float("inf"), float("nan")]
 FIELDS = sorted(
     name for name, value in vars(PAPER).items() if isinstance(value, float) and name != "dt"
 )
+ARRAYS = ("phi", "target", "w")
 
 
 @pytest.mark.parametrize("value", HUGE)
@@ -65,13 +67,19 @@ def test_slip__out_of_all_proportion_is_refused(slip: Any) -> None:
         check_slip(slip)
 
 
-@pytest.mark.parametrize("value", [1e300, -1e7, np.inf, np.nan])
-@pytest.mark.parametrize("field", ["phi", "w", "phase_time", "ref_start", "elapsed", "last_turn"])
+@pytest.mark.parametrize("value", [1e300, -1e7, np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("field", [*ARRAYS, "phase_time", "ref_start", "elapsed", "last_turn"])
 def test_state__out_of_all_proportion_is_refused(field: str, value: float) -> None:
     state: SnakeState = straight_state()
-    given = value if field not in ("phi", "w") else np.full_like(getattr(state, field), value)
-    bad = state.replace(**{field: given})
-    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*finite"):
-        predict(bad, [0], PAPER)
-    with pytest.raises(InvalidInputError, match=rf"^state\.{field} = .*finite"):
-        joint_input(bad, 0, 0.0, PAPER)
+    given: Any = value
+    if field in ARRAYS:
+        given = np.array(getattr(state, field))
+        given[-1] = value
+    bad, shown = state.replace(**{field: given}), re.escape(repr(value))
+    for run in (
+        lambda: predict(bad, [0], PAPER),
+        lambda: advance(bad, 0, PAPER),
+        lambda: joint_input(bad, 0, 0.0, PAPER),
+    ):
+        with pytest.raises(InvalidInputError, match=rf"^state\.{field} = {shown}: .*finite"):
+            run()

@@ -87,12 +87,6 @@ def test_masks__are_those_of_each_phase() -> None:
     assert np.array_equal(TABLE.masks(phases), [TABLE.mask(int(phase)) for phase in phases])
 
 
-def test_table__cannot_be_written() -> None:
-    for array in (TABLE.lifted, TABLE.wheels, TABLE.n_lifted, TABLE.mask(1)):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1
-
-
 @pytest.mark.parametrize("mode", [0, np.int64(98), np.uint8(7)])
 def test_check__returns_a_plain_integer(mode: int) -> None:
     assert TABLE.check(mode, 1) == mode

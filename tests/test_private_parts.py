@@ -15,13 +15,8 @@ from tests.support import ROOT
 PACKAGES = ("snake_env", "agents", "train", "evaluate", "harness", "benchmarks")
 FOREIGN = {
     "stable_baselines3.common.base_class.BaseAlgorithm": [
-        "_last_obs",
-        "_n_updates",
-        "_setup_learn",
-        "_total_timesteps",
-        "_update_current_progress_remaining",
-        "_update_learning_rate",
-        "_vec_normalize_env",
+        *("_last_obs", "_n_updates", "_setup_learn", "_total_timesteps", "_vec_normalize_env"),
+        *("_update_current_progress_remaining", "_update_learning_rate"),
     ],
     "stable_baselines3.common.off_policy_algorithm.OffPolicyAlgorithm": ["_sample_action"],
     "stable_baselines3.common.policies.ActorCriticPolicy": [
@@ -30,11 +25,7 @@ FOREIGN = {
     ],
     "stable_baselines3.common.policies.BaseModel": ["_update_features_extractor"],
     "stable_baselines3.common.vec_env.base_vec_env.VecEnv": [
-        "_get_indices",
-        "_options",
-        "_reset_options",
-        "_reset_seeds",
-        "_seeds",
+        *("_get_indices", "_options", "_reset_options", "_reset_seeds", "_seeds")
     ],
     "stable_baselines3.dqn.dqn.DQN": ["_n_calls"],
     "stable_baselines3.dqn.policies.DQNPolicy": ["_build"],

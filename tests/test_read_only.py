@@ -105,6 +105,7 @@ def test_cached_constants__are_read_only() -> None:
         _reduced_candidates(),
         mode_table(8).lifted,
         mode_table(8).wheels,
+        mode_table(8).n_lifted,
         mode_table(8).mask(1),
         AnalyticOptimizer(PAPER).modes(1),
         *shipped("ppo")[0].network.weights,

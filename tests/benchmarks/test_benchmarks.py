@@ -44,14 +44,15 @@ def test_training__compares_with_the_ceiling(
 
 
 def test_results__are_written_from_the_figures_in_the_documentations_data() -> None:
-    assert results.PAGE.read_text(encoding="utf-8") == results.page()
+    page = results.page()
+    assert results.PAGE.read_text(encoding="utf-8") == page
     for name in results.EVALUATIONS:
         file = results.DATA / f"{name}.json"
         if not file.exists():
             continue
         data = json.loads(file.read_text(encoding="utf-8"))
         for row in data["policies"].values():
-            assert f"{100 * row['success_rate']:.2f}" in results.page() or name == "experiment"
+            assert f"{100 * row['success_rate']:.2f}" in page or name == "experiment"
             assert row["success_rate"] == row["success"] / row["n"]
 
 

@@ -5,16 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
 from snake_env.envs.slip import NO_SLIP, Floor
 from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import random_suite
+from tests.support.evaluations import evaluated
 from tests.support.robots import PAPER, row_of, sim_1_episode
 
 SLIP = (0.004, 0.02)
 SUITE = random_suite(6, 8, PAPER)
-STATES = [SUITE.initial(task, PAPER) for task in range(6)]
 
 
 def test_floor__moves_the_head_alone_by_normal_amounts() -> None:
@@ -65,9 +64,9 @@ def test_floor__without_slip_is_the_model() -> None:
 
 @pytest.mark.parametrize("policy", ["analytic", "imitate+shield"])
 def test_replay__ends_where_the_episode_did(policy: str) -> None:
-    rows = run_shard(Shard(policy, list(range(6)), STATES, PAPER, slip=SLIP))
-    without = run_shard(Shard(policy, list(range(6)), STATES, PAPER))
-    for row, still, state in zip(rows, without, STATES, strict=True):
+    rows, without = evaluated(policy, SUITE, slip=SLIP), evaluated(policy, SUITE)
+    for row, still in zip(rows, without, strict=True):
+        state = SUITE.initial(row["task"], PAPER)
         played = replay(row, state, PAPER)
         heads = np.array([s.w for s in played.states]) - PAPER.w_d
         assert played.states[-1].elapsed == pytest.approx(row["time_s"])

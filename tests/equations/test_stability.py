@@ -14,6 +14,7 @@ from snake_env.sim.simulation import instantly_stable
 from snake_env.state import StateBatch
 from tests.support import oracle
 from tests.support.robots import (
+    NARROW,
     PAPER,
     oracle_constants,
     random_state,
@@ -22,7 +23,6 @@ from tests.support.robots import (
     straight_state,
 )
 
-NARROW = SnakeParams.preset("narrow")
 GRID = SnakeParams(n_joints=7, track=2.0)  # 8 links: the mean of small integers is exact
 marks = st.lists(st.booleans(), min_size=8, max_size=8)
 cells = st.tuples(st.integers(-3, 3), st.integers(-3, 3))

@@ -1,7 +1,6 @@
 """The compiled perceptron: its formula, and that nothing beside an input matters to its outputs."""
 
 import copy
-import itertools
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,17 +14,15 @@ from snake_env import ModeTable, SnakeParams, load_policy
 from snake_env.kernel.perceptron import GROUP, Perceptron
 from snake_env.networks.network import FEW, Network
 from snake_env.sim.tasks import random_suite
+from tests.support.models import random_network
 
 _SIZES = st.lists(st.integers(1, 90), min_size=2, max_size=5)
 _COUNTS = st.integers(1, 2 * GROUP + 1)
 
 
 def _layers(sizes: list[int], seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    rng = np.random.default_rng(seed)
-    weights = [
-        rng.normal(0.0, a**-0.5, (a, b)).astype(np.float32) for a, b in itertools.pairwise(sizes)
-    ]
-    return weights, [rng.normal(size=size).astype(np.float32) for size in sizes[1:]]
+    network = random_network(sizes, seed, scale=None)
+    return network.weights, network.biases
 
 
 def _inputs(sizes: list[int], count: int, seed: int) -> NDArray[np.float32]:

@@ -1,12 +1,11 @@
 """The same bits on processors with narrower vectors."""
 
-import os
 import platform
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.commands import python
 
 _PROCESSOR = """
 import sys
@@ -45,13 +44,8 @@ sys.stdout.write(network(draw(6, 99)).tobytes().hex())
 
 
 def _results(script: str, processor: str, features: str, cache: Path) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", _PROCESSOR + script, processor, features],
-        env={**os.environ, "SNAKE_ENV_CACHE_DIR": str(cache)},
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
+    words = ("-c", _PROCESSOR + script, processor, features)
+    return python(*words, SNAKE_ENV_CACHE_DIR=str(cache)).stdout
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names x86 processors")

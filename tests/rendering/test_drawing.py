@@ -29,6 +29,7 @@ from snake_env.rendering.drawing import (
 from snake_env.state import SnakeState
 from tests.support import oracle
 from tests.support.robots import (
+    NARROW,
     PAPER,
     all_lifted,
     oracle_constants,
@@ -37,7 +38,6 @@ from tests.support.robots import (
     seeds,
 )
 
-NARROW = SnakeParams.preset("narrow")
 C = oracle_constants(PAPER)
 cells = st.tuples(st.integers(-3, 3), st.integers(-3, 3))
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from snake_env.errors import InvalidInputError
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.tasks import load_tasks
+from tests.support.damage import damaged
 from tests.support.robots import PAPER
 
 SHAPES = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 8))
@@ -118,11 +119,7 @@ def test_fortran_order_and_big_endian__are_read(tmp_path: Path) -> None:
 def test_any_bytes__are_tasks_or_refused(tmp_path: Path, data: st.DataObject) -> None:
     good = _npy(SHAPES)
     path = _zip(tmp_path / "own.npz", data.draw(st.sampled_from(MEMBERS)), phi0=good, target=good)
-    content = bytearray(path.read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(content) - 1))
-        content[at : at + data.draw(st.integers(0, 9))] = data.draw(st.binary(max_size=9))
-    path.write_bytes(content)
+    path.write_bytes(damaged(path.read_bytes(), data))
     try:
         assert np.isfinite(load_tasks(path, PAPER).phi0).all()
     except InvalidInputError as error:

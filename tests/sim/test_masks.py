@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from snake_env.errors import UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
@@ -14,6 +13,7 @@ from snake_env.state import SnakeState, StateBatch
 from tests.support import first
 from tests.support.robots import (
     KNIFE_EDGE,
+    NARROW,
     PAPER,
     oracle_interval,
     random_state,
@@ -22,7 +22,6 @@ from tests.support.robots import (
     straight_state,
 )
 
-NARROW = SnakeParams.preset("narrow")
 LEVELS = ("structural", "instant", "lookahead")
 
 
@@ -148,8 +147,3 @@ def test_masks__are_fresh_arrays(level: str) -> None:
     expected = mask.copy()
     mask[:] = False
     assert _mask(state, level).tolist() == expected.tolist()
-
-
-def test_unknown_level__gets_a_suggestion() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean 'lookahead'"):
-        _mask(straight_state(), "look-ahead")

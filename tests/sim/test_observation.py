@@ -15,18 +15,12 @@ from snake_env.kernel.instant_mask import MAX_MODES
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
-from snake_env.sim.observation import (
-    observation_rows,
-    observation_size,
-    observe,
-    observe_one,
-)
+from snake_env.sim.observation import observation_rows, observation_size, observe, observe_one
 from snake_env.sim.simulation import instantly_stable
 from snake_env.state import SnakeState, StateBatch
 from tests.support import oracle
-from tests.support.robots import PAPER, oracle_constants, seeds
+from tests.support.robots import NARROW, PAPER, oracle_constants, seeds
 
-NARROW = SnakeParams.preset("narrow")
 OTHER = SnakeParams(n_joints=11, l=0.05, track=0.2, phi_limit=1.2, cam_time=0.7, w_d=(0.1, 0, 1))
 SIZES = (5, 8, 16)
 

@@ -9,23 +9,21 @@ from snake_env.params import SnakeParams
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
 from snake_env.state import SnakeState
-from tests.support.robots import PAPER, random_state, run_episode, sim_1_episode, straight_state
+from tests.support.robots import (
+    DEADLOCK,
+    NARROW,
+    PAPER,
+    random_state,
+    run_episode,
+    sim_1_episode,
+    straight_state,
+)
 
-NARROW = SnakeParams.preset("narrow")
 # Under (21), phase by phase: the rear wheels that each interval of simulation 1 lifts.
 SIM_1 = [
     (1, 85), (2, 54), (3, 60), (4, 60), (4, 60), (5, 27),
     (6, 7), (6, 6), (6, 6), (6, 6), (7, 7), (8, 0),
 ]  # fmt: skip
-
-
-def _deadlock() -> SnakeState:
-    """A narrow robot that no mode of its phase keeps stable."""
-    for seed in range(2000):
-        state = random_state(seed, NARROW)
-        if not predict(state, mode_table(8).valid(state.phase), NARROW).feasible.any():
-            return state
-    raise AssertionError("no deadlock found")
 
 
 def test_select__takes_the_least_j_of_all_valid_modes() -> None:
@@ -68,7 +66,7 @@ def test_refused_modes__say_why() -> None:
 
 
 def test_deadlock__selects_no_mode_and_knows_a_last_resort() -> None:
-    selection = AnalyticOptimizer(NARROW).select(_deadlock())
+    selection = AnalyticOptimizer(NARROW).select(DEADLOCK)
     assert selection.mode is None
     assert not selection.prediction.feasible.any()
     longest = selection.prediction.duration.max()

@@ -12,6 +12,7 @@ from snake_env.state import SnakeState
 from tests.support import oracle
 from tests.support.robots import (
     KNIFE_EDGE,
+    NARROW,
     PAPER,
     oracle_constants,
     oracle_interval,
@@ -23,7 +24,6 @@ from tests.support.robots import (
 
 C = oracle.Constants()
 COARSE = PAPER.replace(dt=0.1)  # five times fewer sub-steps, five times quicker
-NARROW = SnakeParams.preset("narrow")
 RNG = np.random.default_rng
 
 
@@ -96,11 +96,6 @@ def test_hull_and_margin__of_a_rectangle() -> None:
     assert oracle.stability_margin(np.zeros(3), straight, none, C) == pytest.approx(C.track / 2)
     front = np.arange(8) >= 3  # wheels 1..3 stand, all before the centre of gravity
     assert oracle.stability_margin(np.zeros(3), straight, front, C) == pytest.approx(-2 * C.l)
-
-
-def test_valid_modes__count_as_in_the_paper() -> None:
-    counts = [len(oracle.valid_modes(phase, 8)) for phase in range(1, 9)]
-    assert counts == [99, 57, 31, 16, 8, 4, 2, 1]
 
 
 def _compare(state: SnakeState, mode: int, params: SnakeParams) -> bool:

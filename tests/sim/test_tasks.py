@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import pickle
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from snake_env.kernel.distance import d_min
 from snake_env.params import SnakeParams
 from snake_env.sim import tasks
 from snake_env.sim.tasks import FROZEN, SUITES, TaskSuite, load_tasks, random_suite
+from tests.support.damage import PickleBomb
 from tests.support.robots import PAPER
 
 GOOD = np.linspace(-0.3, 0.3, 24).reshape(3, 8)
@@ -198,14 +200,18 @@ def _row(row: int, column: int, value: float) -> np.ndarray:
         ({"phi0": GOOD}, "no array target"),
         ({"target": GOOD}, "no array phi0"),
         ({"phi0": GOOD[:, :7], "target": GOOD}, "phi0"),
+        ({"phi0": np.zeros((3, 9)), "target": np.zeros((3, 9))}, "(N, 8)"),
         ({"phi0": GOOD, "target": GOOD[0]}, "target"),
         ({"phi0": GOOD, "target": GOOD.astype(str)}, "target"),
         ({"phi0": GOOD > 0, "target": GOOD}, "phi0"),
         ({"phi0": GOOD * 1j, "target": GOOD}, "phi0"),
         ({"phi0": GOOD[:2], "target": GOOD}, "(2, 3)"),
         ({"phi0": GOOD[:0], "target": GOOD[:0]}, "(0, 0)"),
-        ({"phi0": _row(1, 4, np.nan), "target": GOOD}, "phi0[1][4] = nan"),
-        ({"phi0": GOOD, "target": _row(2, 0, 2.5)}, "target[2][0] = 2.5"),
+        ({"phi0": _row(1, 4, np.nan), "target": GOOD}, "phi0[1][4] = nan: expected a finite angle"),
+        (
+            {"phi0": GOOD, "target": _row(2, 0, 2.5)},
+            "target[2][0] = 2.5: expected at most phi_limit",
+        ),
         ({"phi0": GOOD, "target": np.vstack([GOOD[:2], np.full(8, 1.5)])}, "target[2]"),
         ({"phi0": np.array([{}, 1], dtype=object), "target": GOOD}, "pickle"),
     ],
@@ -265,22 +271,13 @@ def test_file__that_is_malformed_is_refused(tmp_path: Path, damage: str) -> None
     path.write_bytes(DAMAGES[damage](path))
     with pytest.raises(InvalidInputError) as caught:
         load_tasks(path, PAPER)
-    assert "own.npz" in str(caught.value)
+    what = "pickled objects are never read" if damage == "pickle" else "expected an .npz file"
+    assert re.search(rf"own\.npz'.*{re.escape(what)}", str(caught.value))
     assert "\n" not in str(caught.value)
 
 
-class _Bomb:
-    """Leaves a trace where it is unpickled."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[Path]]:
-        return Path.touch, (self.path,)
-
-
 def test_file__is_never_unpickled(tmp_path: Path) -> None:
-    trace, bomb = tmp_path / "trace", _Bomb(tmp_path / "trace")
+    trace, bomb = tmp_path / "trace", PickleBomb(tmp_path / "trace")
     bare, inside = tmp_path / "bare.npz", tmp_path / "inside.npz"
     bare.write_bytes(pickle.dumps(bomb))
     np.savez(inside, phi0=np.array([bomb], dtype=object), target=GOOD)
