@@ -13,6 +13,7 @@ from snake_env.networks.model_file import Model
 from snake_env.networks.symmetry import asked
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import STILL
+from snake_env.sim.lanes import check_running
 from snake_env.sim.observation import get_observation_kernel, observe_one
 from snake_env.state import IntArray, SnakeState
 
@@ -77,6 +78,7 @@ class NetworkPolicy:
     def _open(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """The observation, and the modes that are stable at t_k, but for those tried in vain."""
         observation, mask = observe_one(state, self._params)
+        check_running(state)
         if self._has_moved(state):
             self._where = state.phase, state.phi
             self._tried.clear()

@@ -30,6 +30,7 @@ from snake_env.policies.value import (
     pretrained,
     shipped,
 )
+from snake_env.sim.lanes import check_running
 from snake_env.sim.observation import observe_one
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
@@ -95,6 +96,7 @@ class RandomPolicy:
     def select_mode(self, state: SnakeState) -> int:
         """A random mode of the instant mask."""
         _, mask = observe_one(state, self.params)
+        check_running(state)
         return int(self._rng.choice(np.flatnonzero(mask)))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -46,6 +48,12 @@ def check_state(state: SnakeState, params: SnakeParams) -> None:
         check_states(StateBatch.stack([state]), params)
 
 
+def check_running(state: SnakeState) -> None:
+    """Raises InvalidInputError where a state has reached its target: there is no mode to choose."""
+    if state.done:
+        raise InvalidInputError("state.phase", state.phase, f"1 to {len(state.phi)}")
+
+
 def _is_sound(state: SnakeState, params: SnakeParams) -> bool:
     """Whether a state is sure to pass :func:`check_states`: this is quicker than to ask that."""
     n, w, phi, target = params.n_joints, state.w, state.phi, state.target
@@ -53,9 +61,8 @@ def _is_sound(state: SnakeState, params: SnakeParams) -> bool:
     return (
         w.shape == (3,)
         and phi.shape == target.shape == (n,)
-        and bool(w.dot(w) + phi.dot(phi) + target.dot(target) <= LARGEST)  # False for NaN as well
         and type(a) is type(b) is type(c) is type(d) is float
-        and abs(a) + abs(b) + abs(c) + abs(d) <= LARGEST
+        and math.hypot(*w.tolist(), *phi.tolist(), *target.tolist(), a, b, c, d) <= LARGEST
         and type(state.phase) is type(state.last_mode) is int
         and 1 <= state.phase <= n + 1
         and -1 <= state.last_mode < len(mode_table(n))

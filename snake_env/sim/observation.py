@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from snake_env.equations.features import SUPPORT_DIRECTIONS, features
 from snake_env.equations.scalars import Scalar
-from snake_env.errors import InvalidInputError
 from snake_env.kernel.lane_function import LaneFunction
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -90,11 +89,9 @@ def observe_one(
         what :func:`observe` and :func:`snake_env.sim.masks.action_masks` give for it.
 
     Raises:
-        InvalidInputError: The state has reached its target, or does not fit the constants.
+        InvalidInputError: The state does not fit the constants.
     """
     check_state(state, params)
-    if state.done:
-        raise InvalidInputError("state.phase", state.phase, f"1 to {params.n_joints}")
     return observed(state, params), instant_mask(state, params)
 
 
