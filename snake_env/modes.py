@@ -94,13 +94,17 @@ class ModeTable:
     def valid_pairs(
         self, modes: NDArray[np.int64], phases: NDArray[np.int64] | np.int64
     ) -> NDArray[np.bool_]:
-        """Whether each of N modes exists and is allowed by the phase beside it: shape (N,)."""
+        """Whether each of N modes exists and is allowed in its phase, shape (N,)."""
         inside = (modes >= 0) & (modes < len(self))
         valid: NDArray[np.bool_] = self._masks[phases - 1, np.where(inside, modes, 0)] & inside
         return valid
 
     def valid(self, phase: int) -> NDArray[np.int64]:
-        """Indices of the modes that a phase allows, in rising order."""
+        """Indices of the modes that a phase allows, in rising order, shape (M,).
+
+        Raises:
+            InvalidInputError: The phase is out of range.
+        """
         return np.flatnonzero(self.mask(phase))
 
     def index(self, wheels: Iterable[int]) -> int:

@@ -114,7 +114,15 @@ class StepResult:
 
 @dataclass(frozen=True, eq=False)
 class EnvState:
-    """What an env's ``get_state`` saves: robot, episode and randomness."""
+    """What an env's ``get_state`` saves.
+
+    Attributes:
+        states: The robot, a batch of one.
+        episodes: The running episode.
+        no_repeat: What the no-repeat rule remembers; None: it is off.
+        rng: The source of randomness.
+        running: Whether the episode has not ended.
+    """
 
     states: StateBatch
     episodes: Episodes

@@ -164,7 +164,10 @@ if hasattr(os, "register_at_fork"):
 
 
 def set_num_threads(count: int) -> None:
-    """Lets one call of the kernel use ``count`` threads (default 1); results stay the same.
+    """Sets how many threads one call of the kernel uses, at first 1. Results stay the same.
+
+    Args:
+        count: Threads, at least 1.
 
     Raises:
         InvalidInputError: ``count`` is not a positive integer.

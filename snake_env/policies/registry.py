@@ -156,14 +156,17 @@ def load_policy(
     Args:
         name: ``analytic`` (21), ``analytic-14`` (21 over at most 14 candidates a phase, as the paper's
             Table II), ``first-feasible``, ``random``, ``lookahead`` (a planner), ``value`` (the
-            feasible mode whose successor is worth most), ``imitate``, ``ppo``, ``dqn`` (learned, no
+            feasible mode with the best next state), ``imitate``, ``ppo``, ``dqn`` (learned, no
             roll-outs), the path of a ``.safetensors`` file, or the folder of a run of ``python -m
             train``. ``+shield`` after it adds a :class:`snake_env.policies.shield.ShieldedPolicy`;
             ``+critic`` after a learned one a :class:`snake_env.policies.one_step.CriticPolicy`.
-            Options follow a colon, as in
-            ``lookahead:width=16,deadline_ms=inf``, ``ppo+critic:k=4`` or ``ppo+shield:transfer=1``.
+            Options follow a colon, as in ``lookahead:width=16,deadline_ms=inf``, ``ppo+critic:k=4`` or
+            ``ppo+shield:transfer=1``.
         params: The constants that it predicts with; default: the preset ``paper``.
         transfer: Whether a network that was trained with other constants is accepted.
+
+    Returns:
+        The policy; call its ``reset`` before each episode.
 
     Raises:
         UnknownNameError: No such policy, or no such option.

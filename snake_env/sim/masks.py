@@ -62,7 +62,15 @@ def action_masks(states: StateBatch, level: MaskLevel, params: SnakeParams) -> N
 def action_mask(
     state: SnakeState, params: SnakeParams, level: MaskLevel = "instant"
 ) -> NDArray[np.bool_]:
-    """The mask of one state, shape (n_modes,): see :func:`action_masks`.
+    """The mask of one state: which modes are allowed.
+
+    Args:
+        state: The robot at t_k.
+        params: The constants.
+        level: How strict it is, see :func:`action_masks`.
+
+    Returns:
+        Shape (n_modes,).
 
     Raises:
         UnknownNameError: No such level.

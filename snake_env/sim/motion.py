@@ -41,7 +41,17 @@ class Trajectory:
 
 
 def trajectories(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> list[Trajectory]:
-    """The motion of many states through one interval, with one mode each, sub-step by sub-step."""
+    """The motion of N states through one interval, with one mode each, sub-step by sub-step.
+
+    Args:
+        states: N states at their t_k.
+        modes: One mode index per state, shape (N,).
+        params: The constants.
+
+    Raises:
+        InvalidModeError: A mode is out of range or not valid in its state's phase.
+        InvalidInputError: The states do not fit the constants or the modes.
+    """
     chosen = checked_modes(modes)
     check_pairs(states, chosen, params)
     clock = clock_of(params)

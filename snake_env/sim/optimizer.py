@@ -67,7 +67,11 @@ class AnalyticOptimizer:
                 )
 
     def modes(self, phase: int) -> IntArray:
-        """The candidates in a phase, in rising order."""
+        """The candidates in a phase, in rising order, shape (M,).
+
+        Raises:
+            InvalidInputError: There is no such phase.
+        """
         if phase not in self._modes:
             raise InvalidInputError("state.phase", phase, f"1 to {self.params.n_joints}")
         return self._modes[phase]

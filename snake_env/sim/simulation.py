@@ -107,6 +107,9 @@ def predict_batch(states: StateBatch, modes: ArrayLike, params: SnakeParams) -> 
         modes: One mode index per state, shape (N,).
         params: The constants.
 
+    Returns:
+        The predictions, in the order of the states.
+
     Raises:
         InvalidModeError: A mode is out of range or not valid in its state's phase.
         InvalidInputError: The states do not fit the constants or the modes.

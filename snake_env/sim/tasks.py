@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from snake_env.errors import InvalidInputError, UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 from snake_env.params import SnakeParams
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.simulation import least_distances
@@ -86,8 +86,19 @@ class TaskSuite:
         return hashlib.sha256(shapes.tobytes()).hexdigest()
 
     def initial(self, task: int, params: SnakeParams) -> SnakeState:
-        """The state in which a task begins."""
-        return SnakeState.initial(self.phi0[task], self.target[task], params)
+        """The state in which a task begins.
+
+        Args:
+            task: Its row, 0 to N - 1.
+            params: The constants.
+
+        Raises:
+            InvalidInputError: There is no such row, or its shapes do not fit the constants.
+        """
+        row = as_integer(task)
+        if row is None or not 0 <= row < len(self):
+            raise InvalidInputError("task", task, f"a row from 0 to {len(self) - 1}")
+        return SnakeState.initial(self.phi0[row], self.target[row], params)
 
 
 def random_tasks(

@@ -7,6 +7,7 @@ import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -317,3 +318,9 @@ def test_unknown_suite__gets_a_suggestion(name: str, near: str) -> None:
 def test_unknown_suite__lists_those_that_exist(name: str) -> None:
     with pytest.raises(UnknownNameError, match=r"known: FILE\.npz, paper-500, random:N"):
         load_tasks(name, PAPER)
+
+
+@pytest.mark.parametrize("task", [-1, 3, 1.5, "0", True, None])
+def test_task_that_is_not_there__is_refused(task: Any) -> None:
+    with pytest.raises(InvalidInputError, match=r"^task = .*: expected a row from 0 to 2$"):
+        random_suite(3, 1, PAPER).initial(task, PAPER)
