@@ -29,7 +29,7 @@ from harness.folder import writable_folder
 from harness.options import parse
 from harness.provenance import revision
 from snake_env.envs.slip import NO_SLIP, Slip
-from snake_env.errors import UnknownNameError
+from snake_env.errors import InvalidInputError, SnakeEnvError, UnknownNameError
 from snake_env.kernel.compiler import vector_bits
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
@@ -74,7 +74,8 @@ class Options:
     """Write docs/results.md from the figures in docs/data; --run measures them first."""
 
     run: bool = False
-    """Evaluate the shipped policies and measure the speeds: about half an hour on two cores."""
+    """Evaluate the shipped policies and measure the speeds: about half an hour on two cores, and as
+    long again for --seeds."""
     only: tuple[str, ...] = ()
     """With --run, only these: experiment, paper, narrow, six, ten, hardware, speed."""
     recipes: tuple[Path, ...] = ()
@@ -89,25 +90,24 @@ class Options:
 def main(args: list[str] | None = None) -> int:
     """Runs what is asked for, and writes the page; the exit code."""
     options = parse(Options, "python -m benchmarks.results", args)
-    if options.run:
-        known = [*EVALUATIONS, "speed"]
-        for name in options.only:
-            if name not in known:
-                raise UnknownNameError("part of the results", name, known)
-        found = {
-            name: speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
-            for name in options.only or known
-        }
-        writable_folder(DATA)
-        for name, figures in found.items():  # all at once: until then the tree is as committed
-            write_atomically(DATA / f"{name}.json", _text(figures))
+    known = [*EVALUATIONS, "speed"]
+    for name in options.only:
+        if name not in known:
+            raise UnknownNameError("part of the results", name, known)
+    found = {}
     for recipe in [learning.collect(folder, ROBOTS) for folder in options.recipes]:
-        write_atomically(DATA / f"recipe-{recipe['robot']}.json", _text(recipe))
+        found[f"recipe-{recipe['robot']}"] = recipe
     if options.scratch:
         runs = [learning.collect_scratch(folder, ROBOTS) for folder in options.scratch]
-        write_atomically(DATA / "scratch.json", _text({"runs": runs}))
-    if options.seeds:
-        write_atomically(DATA / "seeds.json", _text({"runs": seeds(options.seeds)}))
+        found["scratch"] = {"runs": runs}
+    trained = [learning.collect_seed(folder.resolve(), ROBOTS) for folder in options.seeds]
+    for name in (options.only or known) if options.run else ():
+        found[name] = speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
+    if trained:
+        found["seeds"] = {"runs": seeds(trained)}
+    writable_folder(DATA)
+    for name, figures in found.items():  # all at once: until then the tree is as committed
+        write_atomically(DATA / f"{name}.json", _text(figures))
     recipes = _recipes()
     if recipes:
         learning.draw(recipes, CURVES)
@@ -141,34 +141,43 @@ def _evaluate(name: str, evaluation: Evaluation, policies: Sequence[str], *more:
     words += ["--preset", evaluation.preset, "--no-pictures", again, "--out", str(out), *more]
     if any(evaluation.slip):
         words += ["--slip", *map(str, evaluation.slip)]
-    subprocess.run([sys.executable, "-m", "evaluate", *words], cwd=ROOT, check=True)
+    done = subprocess.run([sys.executable, "-m", "evaluate", *words], cwd=ROOT)
+    if done.returncode:
+        raise SnakeEnvError(f"python -m evaluate {' '.join(words)}: exit code {done.returncode}")
     return read_json(out / "summary.json")
 
 
-def seeds(folders: Sequence[Path]) -> list[dict[str, Any]]:
+def seeds(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """How the models of other seeds do on the tasks of their robots.
 
+    Args:
+        runs: What :func:`benchmarks.learning.collect_seed` says of each.
+
     Returns:
-        For each robot, way of training and seed: ``robot``, ``trained``, ``seed``, and of each policy,
-        as of "ppo+critic", ``success_rate`` and ``time_ratio``.
+        For each robot, way of training and seed: ``robot``, ``trained``, ``seed``; ``git``, the
+        revision that evaluated them; and of each of the ``policies``, such as "ppo+critic",
+        ``success_rate`` and ``time_ratio``.
+
+    Raises:
+        InvalidInputError: A seed is there twice.
     """
-    runs = [learning.collect_seed(folder.resolve(), ROBOTS) for folder in folders]
     found: dict[Any, dict[str, Any]] = {}
     for robot in ROBOTS:
-        files = {
-            (run["trained"], run["seed"], f"{learner}{suffix}"): f"{file}{suffix}"
-            for run in runs
-            if run["robot"] == robot
-            for learner, file in run["models"].items()
-            for suffix in ("", CRITIC)
-        }
+        files: dict[tuple[str, int, str], str] = {}
+        for run in [run for run in runs if run["robot"] == robot]:
+            for learner, file in run["models"].items():
+                if (run["trained"], run["seed"], learner) in files:
+                    raise InvalidInputError("seeds", str(file), "each seed once")
+                for suffix in ("", CRITIC):
+                    files[run["trained"], run["seed"], f"{learner}{suffix}"] = f"{file}{suffix}"
         if not files:
             continue
         summary = _evaluate(
             f"seeds-{robot}", EVALUATIONS[robot], list(files.values()), "--no-latency"
         )
         for (trained, seed, policy), file in sorted(files.items()):
-            own = {"robot": robot, "trained": trained, "seed": seed, "policies": {}}
+            own: dict[str, Any] = {"robot": robot, "trained": trained, "seed": seed}
+            own |= {"git": summary["git"], "policies": {}}
             own = found.setdefault((robot, trained, seed), own)
             own["policies"][policy] = {
                 "success_rate": summary["policies"][file]["success_rate"],
@@ -207,16 +216,17 @@ def page() -> str:
         "names": _names,
     }
     robots = {name: _data(name) for name in ROBOTS}
+    runs = (_data("seeds") or {"runs": []})["runs"]
     return environment.get_template(TEMPLATE).render(
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
         recipes=_recipes(),
         scratch=(_data("scratch") or {"runs": []})["runs"],
-        seeds=(_data("seeds") or {"runs": []})["runs"],
+        seeds=runs,
         origins=_origins(),
         revisions=sorted(
-            {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS)] if data}
+            {data["git"] for data in [_data("speed"), *map(_data, EVALUATIONS), *runs] if data}
         ),
         against=_against,
     )

@@ -209,7 +209,7 @@ def _save_mp4(frames: Iterable[Image.Image], size: tuple[int, int], path: Path) 
             writer.send(pixels)
             count += 1
         writer.close()
-        if _frames_in(file.name) != count:  # it does not tell that the disk is full
+        if _frames_in(file.name) != count:  # ffmpeg does not report a full disk
             raise OSError(f"{path} could not be written (is the disk full?)")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
 import platform
 import sys
@@ -66,6 +67,8 @@ def _command(arguments: list[str] | None) -> int:
         interrupts.forget_stdout()
         return interrupts.CLOSED_PIPE
     except OSError as error:
+        with contextlib.suppress(OSError):  # what was printed before
+            sys.stdout.flush()
         interrupts.forget_stdout()
         print(f"error: {printable(str(error))}", file=sys.stderr)
         return 1

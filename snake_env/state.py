@@ -212,11 +212,12 @@ def _frozen(array: FloatArray) -> FloatArray:
     """A copy that nobody can make writable: its memory is that of a bytes object."""
     if array.size == 0:
         return read_only(array.copy())
-    return np.frombuffer(array.tobytes(), dtype=np.float64).reshape(array.shape)
+    numbers = np.frombuffer(array.tobytes(), dtype=np.float64)
+    return numbers if array.ndim == 1 else numbers.reshape(array.shape)
 
 
 def _is_frozen(array: NDArray[Any]) -> bool:
-    """Whether it is what :func:`_frozen` gives for one dimension."""
+    """Whether it is what :func:`_frozen` gives for one dimension: such need no copy."""
     return isinstance(array.base, bytes) and array.dtype == np.float64 and array.ndim == 1
 
 

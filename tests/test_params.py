@@ -80,6 +80,10 @@ def test_number__refuses_what_is_no_finite_number(name: str, value: object) -> N
     _assert_refused(name, value)
 
 
+def test_number__refuses_integers_too_large_for_a_float() -> None:
+    _assert_refused("a_l", 10**400)
+
+
 @pytest.mark.parametrize("value", ["8", 8.0, 8.5, None, True, math.nan, np.array(8.5)])
 @pytest.mark.parametrize("name", ["n_joints", "horizon"])
 def test_integer__refuses_what_is_no_integer(name: str, value: object) -> None:

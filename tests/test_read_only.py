@@ -173,5 +173,6 @@ def test_states__can_not_be_made_writable() -> None:
     for state in [state for state in states if isinstance(state, SnakeState)]:
         for array in _arrays(state.replace(target=given)):
             assert not np.shares_memory(array, given)
+            assert state.replace(elapsed=1.0).w is state.w  # what is frozen is shared
             with pytest.raises(ValueError, match="cannot set WRITEABLE"):
                 array.setflags(write=True)

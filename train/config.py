@@ -114,17 +114,22 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for key, times in Counter(keys).items():
+        mapping = super().construct_mapping(node, deep)
+        names = [key.value for key, _ in node.value]
+        if not all(isinstance(key, str) for key in mapping):
+            raise yaml.YAMLError("a mapping of options has texts for names")
+        for name, times in Counter(names).items():
             if times > 1:
-                raise yaml.YAMLError(f"{key!r} is there {times} times")
-        return super().construct_mapping(node, deep)
+                raise yaml.YAMLError(f"duplicate key {name!r}")
+        return mapping
 
 
 _Loader.add_implicit_resolver(_INT, re.compile(r"[-+]?(0|[1-9][0-9]*)$"), list("-+0123456789"))
 _Loader.add_implicit_resolver(
     _FLOAT,
-    re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.inf$|\.nan$", re.I),
+    re.compile(
+        r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.inf$|\.nan$", re.I
+    ),
     list("-+.0123456789"),
 )
 
@@ -202,7 +207,7 @@ def _converted(name: str, given: Any, wanted: Any) -> Any:
 
 
 def _plain(name: str, given: Any, wanted: Any) -> Any:
-    if wanted is float and type(given) in (int, str):  # YAML takes 1e-3 for a text
+    if wanted is float and type(given) is int:
         with contextlib.suppress(ValueError, OverflowError):
             given = float(given)
     if wanted is Path and type(given) is str and "\0" not in given:

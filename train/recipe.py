@@ -54,10 +54,15 @@ class Options:
     engine: Engine = field(default_factory=Engine)
     ground: Ground = field(default_factory=Ground)
     budget: Annotated[str, tyro.conf.arg(metavar="quick|full|FILE.yaml")] = "quick"
-    """quick: 15 minutes on two fast cores; full: an hour, as for the pretrained models; or a YAML file
-    like those in agents/recipes/."""
+    """quick: 15 minutes on two fast cores; full: an hour or more, as for the pretrained models; or a
+    YAML file like those in agents/recipes/."""
     tasks: int = 500
     """Tasks of validation-2k for the final comparison."""
+
+    @property
+    def method(self) -> str:
+        """What folders are named after."""
+        return f"recipe-{Path(self.budget).stem}"
 
 
 def train(options: Options, console: Console) -> Path:
@@ -78,13 +83,12 @@ def train(options: Options, console: Console) -> Path:
         "seed": options.run.seed,
         "params": dataclasses.asdict(params),
     }
-    name = f"recipe-{Path(options.budget).stem}"
-    out = options.run.folder(f"{name}-{options.robot.name}")
+    out = options.run.folder(f"{options.method}-{options.robot.name}")
     stages = {stage: _job(stage, given[stage], options, out) for stage in given}
     for job in stages.values():
         # all of them, before there is work to lose; the engine has been checked: it may be far away
         check(dataclasses.replace(job.options, engine=Engine()))
-    with RunFolder(options.run, name, options.robot, asked, LAYOUT) as folder:
+    with RunFolder(options.run, options.method, options.robot, asked, LAYOUT) as folder:
         if expected:
             console.print(expected, soft_wrap=True)
         rows = folder.rows("step")

@@ -32,7 +32,7 @@ class Run:
     """Where the run is kept."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Run folder. Default: runs/ALGORITHM-ROBOT-sSEED."""
+    """Run folder. Default: runs/ALGORITHM-ROBOT-sSEED; a recipe's ALGORITHM is recipe-BUDGET."""
     seed: int = 0
     """Random seed."""
     seeds: int = 1

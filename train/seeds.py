@@ -58,7 +58,8 @@ def train_seeds(command: str, options: Any, words: Sequence[str], console: Conso
 
 def _folder(command: str, options: Any, suffix: str) -> Path:
     """``--out``, or what stands for it, with a suffix."""
-    name = options.run.out or Path("runs") / f"{command}-{options.robot.name}"
+    method = getattr(options, "method", command)
+    name = options.run.out or Path("runs") / f"{method}-{options.robot.name}"
     if name.name in ("", ".."):
         raise InvalidInputError(
             "out", str(name), f"a folder with a name, to which -{suffix} is added"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evaluate.comparison import ALPHA
+from evaluate.comparison import ALPHA, LEAST_TASKS
 from evaluate.report.charts import Entry
 from evaluate.report.formats import interval, number
 
@@ -34,11 +34,12 @@ def findings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _effect(comparison: Mapping[str, Any]) -> tuple[float, float]:
-    """How much a comparison establishes: tasks more, then seconds less; what is worse comes last."""
+    """Significant effects of a comparison: tasks more, then seconds less; what is worse comes last."""
     tasks = comparison["only_policy"] - comparison["only_reference"]
     significant = comparison["mcnemar_p_holm"] < ALPHA
     time = comparison["time_difference_s"]
-    surely = time is not None and (time["low"] > 0.0 or time["high"] < 0.0)
+    enough = comparison["common"] >= LEAST_TASKS
+    surely = enough and time is not None and (time["low"] > 0.0 or time["high"] < 0.0)
     return tasks if significant else 0.0, -time["mean"] if surely else 0.0
 
 

@@ -30,8 +30,8 @@ from snake_env.policies.value import (
     pretrained,
     shipped,
 )
-from snake_env.sim.lanes import check_running
-from snake_env.sim.observation import observe_one
+from snake_env.sim.lanes import check_running, check_state
+from snake_env.sim.masks import instant_mask
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState
@@ -95,8 +95,9 @@ class RandomPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """A random mode of the instant mask."""
-        _, mask = observe_one(state, self.params)
+        check_state(state, self.params)
         check_running(state)
+        mask = instant_mask(state, self.params)
         return int(self._rng.choice(np.flatnonzero(mask)))
 
 

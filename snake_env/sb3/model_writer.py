@@ -114,7 +114,9 @@ def _trained_for(
     options = options_of(model.get_env())
     if options is None:
         if params is None:
-            raise InvalidInputError("params", None, "the robot: the model has no env that tells it")
+            raise InvalidInputError(
+                "params", None, "the robot's constants, as the model has no env"
+            )
         return params, checked_weights(reward_weights or {})
     different = {} if params is None else options.params.differences(params)
     if different:

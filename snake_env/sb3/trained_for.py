@@ -1,4 +1,4 @@
-"""What a model of Stable-Baselines3 was trained for, as its env tells: the robot and the reward."""
+"""What a model of Stable-Baselines3 was trained for: the robot and the reward of its env."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ _TRANSPARENT = {
     "snake_env": {"ActionMaskObservation", "RecordMotion"},
 }
 """Wrappers, by package, that leave observations, actions and rewards as they are."""
+_CHANGING: tuple[type[gymnasium.Wrapper[Any, Any, Any, Any]], ...] = (
+    *(gymnasium.ObservationWrapper, gymnasium.ActionWrapper, gymnasium.RewardWrapper),
+    *(gymnasium.wrappers.NormalizeObservation, gymnasium.wrappers.NormalizeReward),
+)
 
 
 def options_of(env: VecEnv | None) -> EnvOptions | None:
-    """The arguments that all of an env's robots have; None where it is none of this package.
+    """The arguments that all of an env's robots have; None if it is not an env of this package.
 
     Raises:
         InvalidInputError: A wrapper may change observations, actions or rewards; or the robots or
@@ -72,12 +76,13 @@ def _wrappers(env: VecEnv) -> Iterator[tuple[str, str]]:
             while isinstance(single, gymnasium.Wrapper):
                 yield _package(type(single).__module__), type(single).__name__
                 single = single.env
-    elif not isinstance(
-        env, SnakeVecEnv
-    ):  # in other processes, of which only the spec is to be had
+    elif not isinstance(env, SnakeVecEnv):  # other processes: they tell specs, and answer questions
         for spec in env.get_attr("spec"):
             for wrapper in getattr(spec, "additional_wrappers", ()):
                 yield _package(wrapper.entry_point), wrapper.entry_point.rpartition(":")[2]
+        for kind in _CHANGING:
+            if any(env.env_is_wrapped(kind)):
+                yield "gymnasium", kind.__name__
 
 
 def _package(module: str) -> str:

@@ -9,9 +9,11 @@ import os
 import re
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,9 +24,10 @@ from PIL import Image
 
 from evaluate import __main__ as command
 from evaluate.protocol import Shard, run_episode, run_shard
-from evaluate.statistics import summarise
+from evaluate.statistics import summarise, wilson95
 from evaluate.table import printed, result_tables
-from harness.command import PlainConsole
+from evaluate.terminal import print_comparisons
+from harness.command import PlainConsole, console
 from harness.engine import Engine, WorkerLostError
 from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
 from snake_env.sim.episode import OUTCOMES
@@ -141,12 +144,38 @@ def test_summary__says_what_the_episodes_say(report: Path) -> None:
     assert summary["seeds"] == {}
     for name, figures in summary["policies"].items():
         assert figures.keys() >= POLICY_KEYS
-        won = [row["policy"] for row in rows if row["outcome"] == "success"].count(name)
-        assert (figures["n"], figures["success"]) == (6, won)
-    latency = summary["policies"]["analytic"]["decision_latency_us"]
+        own = [row for row in rows if row["policy"] == name]
+        times = [float(row["time_s"]) for row in own if row["outcome"] == "success"]
+        assert (figures["n"], figures["success"]) == (6, len(times))
+        assert figures["success_rate"] == len(times) / 6
+        assert figures["wilson95"] == list(wilson95(len(times), 6))
+        told = [figures["time_s"][key] for key in ("min", "median", "mean", "max")]
+        functions = (min, statistics.median, statistics.mean, max)
+        assert told == pytest.approx([function(times) for function in functions])
+        restricted = (sum(times) + 300.0 * (6 - len(times))) / 6
+        assert figures["restricted_mean_time_s"] == pytest.approx(restricted)
+        assert figures["d_min"] == min(float(row["d_min"]) for row in own)
+        assert figures["max_abs_phi"] == max(float(row["max_abs_phi"]) for row in own)
+        outcomes = Counter(row["outcome"] for row in own)
+        assert figures["outcomes"] == outcomes
+        names = ("stability", "joint_limit", "collision")
+        assert figures["violations"] == sum(outcomes[outcome] for outcome in names)
+    analytic = summary["policies"]["analytic"]
+    own = [row for row in rows if row["policy"] == "analytic"]
+    spent = sum(int(row["rollouts"]) for row in own)
+    assert analytic["rollouts_per_decision"] == spent / sum(int(row["intervals"]) for row in own)
+    latency = analytic["decision_latency_us"]
     assert 0 < latency["p50"] <= latency["p95"] <= latency["p99"]
     assert summary["policies"]["random"]["rollouts_per_decision"] == 0
     assert summary["policies"]["skid"]["cost_integral"] is None
+
+
+def test_names__are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """A terminal library may take :100: for a picture and [x] for a style."""
+    print_comparisons(
+        console(), {"comparisons": [{"sentence": "random:100:1 and a[red].npz"}], "seeds": {}}
+    )
+    assert capsys.readouterr().out == "random:100:1 and a[red].npz\n"
 
 
 def test_analytic__solves_60_tasks_as_it_did(folder: Path) -> None:
@@ -403,7 +432,7 @@ def test_run_whose_workers_died__keeps_what_it_has(
     assert (out / "episodes.partial.jsonl").is_file()
 
 
-def test_shards_of_many_tasks__give_the_sameepisodes(
+def test_shards_of_many_tasks__give_the_same_rows(
     report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, "_LEAST_SHARDS", 1)

@@ -148,7 +148,7 @@ def test_robot_and_reward__are_those_of_the_env(tmp_path: Path) -> None:
     assert read_model(write_sb3_model(watched, path)).params == SIX
     model.save(tmp_path / "a.zip")
     without_env = PPO.load(tmp_path / "a.zip", device="cpu")
-    with pytest.raises(InvalidInputError, match="params = None: expected the robot"):
+    with pytest.raises(InvalidInputError, match="params = None: expected the robot's constants"):
         write_sb3_model(without_env, path)
     assert read_model(write_sb3_model(without_env, path, SIX)).params == SIX
     env = gymnasium.make("SnakeModeSelectionSix-v0")

@@ -90,13 +90,18 @@ def test_model_behind_other_wrappers__is_refused(case: str, tmp_path: Path) -> N
     assert write_sb3_model(without_env, file, SIX) == file  # its user knows better
 
 
-def test_wrappers_in_other_processes__are_seen() -> None:
-    def make() -> Any:
-        return wrappers.NormalizeReward(gymnasium.make(ID))
-
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: wrappers.NormalizeReward(gymnasium.make(ID)), "NormalizeReward"),
+        (lambda: wrappers.NormalizeReward(SnakeModeSelectionEnv("six")), "NormalizeReward"),
+        (lambda: OwnWrapper(SnakeModeSelectionEnv("six")), "ObservationWrapper"),
+    ],
+)
+def test_wrappers_in_other_processes__are_seen(make: Callable[[], Any], name: str) -> None:
     env = SubprocVecEnv([make], start_method="fork")
     try:
-        with pytest.raises(InvalidInputError, match="env = 'NormalizeReward'"):
+        with pytest.raises(InvalidInputError, match=f"env = '{name}'"):
             options_of(env)
     finally:
         env.close()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from snake_env.errors import UnknownNameError
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
@@ -147,3 +148,8 @@ def test_masks__are_fresh_arrays(level: str) -> None:
     expected = mask.copy()
     mask[:] = False
     assert _mask(state, level).tolist() == expected.tolist()
+
+
+def test_unknown_level__gets_a_suggestion() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'lookahead'"):
+        _mask(straight_state(), "look-ahead")
