@@ -176,10 +176,9 @@ def seeds(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             f"seeds-{robot}", EVALUATIONS[robot], list(files.values()), "--no-latency"
         )
         for (trained, seed, policy), file in sorted(files.items()):
-            own: dict[str, Any] = {"robot": robot, "trained": trained, "seed": seed}
-            own |= {"git": summary["git"], "policies": {}}
-            own = found.setdefault((robot, trained, seed), own)
-            own["policies"][policy] = {
+            about = {"robot": robot, "trained": trained, "seed": seed, "git": summary["git"]}
+            row = found.setdefault((robot, trained, seed), {**about, "policies": {}})
+            row["policies"][policy] = {
                 "success_rate": summary["policies"][file]["success_rate"],
                 "time_ratio": (_against(summary, file) or {}).get("time_ratio"),
             }

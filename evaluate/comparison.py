@@ -228,13 +228,20 @@ def _time_clause(entry: Mapping[str, Any]) -> str:
     if difference is None or common < LEAST_TASKS:
         return f"no significant difference in time {where}"
     mean, low, high = (difference[key] for key in ("mean", "low", "high"))
-    if low > 0 or high < 0:
+    if differs(difference, common):
         more = "slower" if low > 0 else "faster"
         least, most = sorted((abs(low), abs(high)))
         span = f"{_seconds(least)} to {_seconds(most)} s"
         return f"{_seconds(abs(mean))} s {more} {where} (95 % CI {span})"
     span = f"{low:+.1f} to {high:+.1f} s"
     return f"no significant difference in time {where} ({mean:+.1f} s, 95 % CI {span})"
+
+
+def differs(interval: Interval | None, tasks: int) -> bool:
+    """Whether a difference is significant: its interval excludes 0, and comes of enough tasks."""
+    if interval is None or tasks < LEAST_TASKS:
+        return False
+    return interval["low"] > 0.0 or interval["high"] < 0.0
 
 
 def _seconds(time_s: float) -> str:

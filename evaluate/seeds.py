@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluate.comparison import ALPHA, LEAST_TASKS, RESAMPLES, SEED, FloatArray, Interval, Results
+from evaluate.comparison import ALPHA, RESAMPLES, SEED, FloatArray, Interval, Results, differs
 
 # ... but not in the folder that a comparison adds to a name: that is one policy, evaluated twice.
 _SEED_OF_RUN = re.compile(r"-s\d+(?=/)(?![^(]*\)$)")
@@ -119,6 +119,5 @@ def _sentence(name: str, entry: Mapping[str, Any], tasks: int) -> str:
         return text
     mean, low, high = (100 * difference[key] for key in ("mean", "low", "high"))
     text += f"; on average {mean:+.2f} points against {entry['reference']}"
-    surely = (low > 0 or high < 0) and tasks >= LEAST_TASKS
-    verdict = "" if surely else ", no significant difference"
+    verdict = "" if differs(difference, tasks) else ", no significant difference"
     return f"{text} (95 % CI over seeds and tasks {low:+.2f} to {high:+.2f}{verdict})"

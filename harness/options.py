@@ -45,7 +45,7 @@ def parse(
         InvalidInputError: A word is no text.
     """
     for word in sys.argv[1:] if args is None else args:
-        if not word.isprintable() and any("\ud800" <= each <= "\udfff" for each in word):
+        if any("\ud800" <= each <= "\udfff" for each in word):
             raise InvalidInputError("argument", word, "text in UTF-8")
     _join_lines(options)
     complaint = io.StringIO()

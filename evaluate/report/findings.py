@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evaluate.comparison import ALPHA, LEAST_TASKS
+from evaluate.comparison import ALPHA, differs
 from evaluate.report.charts import Entry
 from evaluate.report.formats import interval, number
 
@@ -38,9 +38,8 @@ def _effect(comparison: Mapping[str, Any]) -> tuple[float, float]:
     tasks = comparison["only_policy"] - comparison["only_reference"]
     significant = comparison["mcnemar_p_holm"] < ALPHA
     time = comparison["time_difference_s"]
-    enough = comparison["common"] >= LEAST_TASKS
-    surely = enough and time is not None and (time["low"] > 0.0 or time["high"] < 0.0)
-    return tasks if significant else 0.0, -time["mean"] if surely else 0.0
+    sooner = -time["mean"] if differs(time, comparison["common"]) else 0.0
+    return tasks if significant else 0.0, sooner
 
 
 def _alone(entry: Entry) -> str:

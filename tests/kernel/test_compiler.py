@@ -134,7 +134,7 @@ def test_failed_write__warns_and_leaves_no_half_written_file(cache: Path) -> Non
     compiler.load(_ir(2.0), "a test")
     (path,) = cache.iterdir()
     path.unlink()
-    path.mkdir()  # stands in the way
+    path.mkdir()  # a folder where the file belongs
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert _call(compiler.load(_ir(2.0), "a test")) == 3.0

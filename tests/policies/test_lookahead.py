@@ -22,6 +22,7 @@ from tests.support.robots import (
     NARROW,
     PAPER,
     random_state,
+    start_of,
     straight_state,
 )
 
@@ -29,10 +30,6 @@ from tests.support.robots import (
 def _planner(params: SnakeParams = PAPER, **options: float) -> LookaheadPolicy:
     chosen = {"width": 6, "deadline_ms": math.inf} | options
     return LookaheadPolicy(params, value=PhaseValue(params), **chosen)  # type: ignore[arg-type]
-
-
-def _start(task: int, params: SnakeParams = PAPER) -> SnakeState:
-    return random_suite(12, 3, params).initial(task, params)
 
 
 def _episode(
@@ -52,8 +49,8 @@ def _episode(
 def test_lookahead__is_never_worse_than_21() -> None:
     shorter = 0
     for task in range(12):
-        analytic, succeeds = _episode(load_policy("analytic"), _start(task), PAPER)
-        modes, success = _episode(_planner(), _start(task), PAPER)
+        analytic, succeeds = _episode(load_policy("analytic"), start_of(task), PAPER)
+        modes, success = _episode(_planner(), start_of(task), PAPER)
         assert success >= succeeds
         if succeeds:
             assert len(modes) <= len(analytic)
@@ -78,7 +75,7 @@ def test_lookahead__is_never_worse_than_21_on_other_robots(params: SnakeParams) 
 
 def test_lookahead__searches_once_and_then_follows_its_plan() -> None:
     for task in range(3):
-        policy, state = _planner(), _start(task)
+        policy, state = _planner(), start_of(task)
         assert policy.rollouts == 0
         modes = [policy.select_mode(state)]
         spent = policy.rollouts
@@ -91,7 +88,7 @@ def test_lookahead__searches_once_and_then_follows_its_plan() -> None:
         assert policy.rollouts == spent
         policy.reset()
         assert policy.rollouts == spent  # counted over all episodes
-        policy.select_mode(_start(task))
+        policy.select_mode(start_of(task))
         assert policy.rollouts == 2 * spent
 
 
@@ -109,7 +106,7 @@ def _redirected(state: SnakeState) -> SnakeState:
 
 @pytest.mark.parametrize("disturb", [_slipped, _nudged, _redirected])
 def test_lookahead__replans_when_the_robot_is_elsewhere(disturb) -> None:
-    policy, state = _planner(), _start(0)
+    policy, state = _planner(), start_of(0)
     searches = []
     for interval in range(100):
         if interval == 4:
@@ -126,7 +123,7 @@ def test_lookahead__replans_when_the_robot_is_elsewhere(disturb) -> None:
 
 
 def test_lookahead__does_not_mind_the_time_that_has_passed() -> None:
-    policy, state = _planner(), _start(0)
+    policy, state = _planner(), start_of(0)
     mode = policy.select_mode(state)
     spent = policy.rollouts
     state, _ = advance(state, mode, PAPER)
@@ -136,14 +133,14 @@ def test_lookahead__does_not_mind_the_time_that_has_passed() -> None:
 
 def test_lookahead__plans_anew_in_another_episode() -> None:
     policy, fresh = _planner(), _planner()
-    state, _ = advance(_start(0), policy.select_mode(_start(0)), PAPER)
+    state, _ = advance(start_of(0), policy.select_mode(start_of(0)), PAPER)
     spent = policy.rollouts
     policy.reset()
     policy.select_mode(state)
     assert policy.rollouts > spent  # although the old plan leads through this state
     policy.reset()
-    assert policy.select_mode(_start(1)) == fresh.select_mode(_start(1))
-    assert policy.select_mode(_start(2)) == _planner().select_mode(_start(2))  # even without
+    assert policy.select_mode(start_of(1)) == fresh.select_mode(start_of(1))
+    assert policy.select_mode(start_of(2)) == _planner().select_mode(start_of(2))  # even without
 
 
 def test_lookahead__is_deterministic_without_a_deadline() -> None:
@@ -204,9 +201,9 @@ def test_lookahead__always_has_an_answer_in_time(params: SnakeParams) -> None:
 
 
 def test_lookahead__without_time_is_21() -> None:
-    analytic, _ = _episode(load_policy("analytic"), _start(0), PAPER)
+    analytic, _ = _episode(load_policy("analytic"), start_of(0), PAPER)
     policy = _planner(deadline_ms=1e-9)
-    assert _episode(policy, _start(0), PAPER) == (analytic, True)
+    assert _episode(policy, start_of(0), PAPER) == (analytic, True)
 
 
 def test_lookahead__refuses_a_robot_that_has_arrived() -> None:

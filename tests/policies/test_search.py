@@ -31,15 +31,12 @@ from tests.support.robots import (
     random_state,
     run_episode,
     same_state,
+    start_of,
     straight_state,
 )
 
 EVERYTHING = 10**9  # a beam so wide that nothing is left out
 DETOUR = random_suite(2, 3, NARROW).initial(1, NARROW)  # only with noise there is a plan
-
-
-def _start(task: int, params: SnakeParams = PAPER, seed: int = 3) -> SnakeState:
-    return random_suite(task + 1, seed, params).initial(task, params)
 
 
 def _small(seed: int) -> SnakeState:
@@ -64,7 +61,7 @@ def _assert_comes_true(plan: Plan, start: SnakeState, params: SnakeParams) -> No
 def _late(phase: int, seed: int, params: SnakeParams = PAPER) -> SnakeState:
     """A state of a phase on the way of (21) to a random target."""
     for task in itertools.count(seed):
-        states, _, _ = run_episode(_start(0, params, task), params)
+        states, _, _ = run_episode(start_of(0, params, task), params)
         for state in states:
             if state.phase == phase:
                 return state
@@ -139,7 +136,7 @@ def test_plan__has_a_rest() -> None:
 
 def test_analytic_plan__is_the_episode_of_21() -> None:
     for task in range(4):
-        start, budget = _start(task), Budget()
+        start, budget = start_of(task), Budget()
         states, modes, _ = run_episode(start, PAPER)
         plan = analytic_plan(start, PAPER, len(modes), budget)
         assert plan is not None
@@ -154,7 +151,7 @@ def test_analytic_plan__is_the_episode_of_21() -> None:
 def test_plan_found__comes_true(params: SnakeParams, depth: int | None) -> None:
     found = 0
     for task in range(3):
-        start = _small((1, 7, 8)[task]) if params is FIVE else _start(task, params)
+        start = _small((1, 7, 8)[task]) if params is FIVE else start_of(task, params)
         plan = beam_search(
             start, PhaseValue(params), params, width=6, longest=40, budget=Budget(), depth=depth
         )
@@ -209,7 +206,7 @@ def _agreed(start: SnakeState, longest: int, params: SnakeParams) -> int | None:
 
 
 def test_beam__is_never_longer_than_asked() -> None:
-    start, value = _start(0), PhaseValue(PAPER)
+    start, value = start_of(0), PhaseValue(PAPER)
     whole = beam_search(start, value, PAPER, width=4, longest=40, budget=Budget())
     assert whole is not None
     for longest in (0, 1, len(whole) - 1):
@@ -223,7 +220,7 @@ def test_beam__is_never_longer_than_asked() -> None:
 
 def test_beam__follows_the_value() -> None:
     """Of two modes the one that the value prefers, even where the other is better."""
-    start = _start(0)
+    start = start_of(0)
     first = expand(StateBatch.stack([start]), PAPER)
     for wanted in (int(first.mode[3]), int(first.mode[-1])):
 
@@ -249,7 +246,7 @@ def test_beam__with_a_depth_follows_each_state_to_its_own_end(
 
     monkeypatch.setattr(module, "expand", noting)
     plan = beam_search(
-        _start(0), PhaseValue(PAPER), PAPER, width=5, longest=40, budget=Budget(), depth=2
+        start_of(0), PhaseValue(PAPER), PAPER, width=5, longest=40, budget=Budget(), depth=2
     )
     assert plan is not None
     assert len(beams) == len(plan)
@@ -282,7 +279,7 @@ def _counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_budget__is_exceeded_by_one_level_at_most(
     rollouts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    start, width, budget = _start(2), 8, Budget(rollouts=rollouts)
+    start, width, budget = start_of(2), 8, Budget(rollouts=rollouts)
     lanes = _counted(monkeypatch)
     plan = beam_search(start, PhaseValue(PAPER), PAPER, width=width, longest=100, budget=budget)
     assert budget.spent == sum(lanes)
@@ -293,7 +290,7 @@ def test_budget__is_exceeded_by_one_level_at_most(
 
 @pytest.mark.parametrize("rollouts", [1, 300, 1_000, 3_000, 6_000])
 def test_search__keeps_its_budget_and_what_it_has_found(rollouts: int) -> None:
-    start, width, budget = _start(0), 16, Budget(rollouts=rollouts)
+    start, width, budget = start_of(0), 16, Budget(rollouts=rollouts)
     greedy = analytic_plan(start, PAPER, 100, Budget())
     plan = search(start, PhaseValue(PAPER), PAPER, width=width, budget=budget, restarts=100)
     assert rollouts <= budget.spent < rollouts + 99 * width or not budget.exhausted
@@ -322,7 +319,7 @@ def test_deadline__ends_the_search_at_the_next_level(
     lanes = _counted(monkeypatch)
     monkeypatch.setattr(module, "time", _Clock())
     plan = beam_search(
-        _start(0), PhaseValue(PAPER), PAPER, width=2, longest=40, budget=Budget(deadline=deadline)
+        start_of(0), PhaseValue(PAPER), PAPER, width=2, longest=40, budget=Budget(deadline=deadline)
     )
     assert plan is None
     assert len(lanes) == deadline - 1
@@ -330,13 +327,13 @@ def test_deadline__ends_the_search_at_the_next_level(
 
 def test_deadline__that_has_passed_leaves_no_time_for_anything() -> None:
     budget = Budget(deadline=0.0)
-    plan = search(_start(0), PhaseValue(PAPER), PAPER, width=64, budget=budget, restarts=10**6)
+    plan = search(start_of(0), PhaseValue(PAPER), PAPER, width=64, budget=budget, restarts=10**6)
     assert plan is None
     assert budget.spent == 0
 
 
 def test_deadline__keeps_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    start = _start(0)
+    start = start_of(0)
     greedy = analytic_plan(start, PAPER, 100, Budget())
     assert greedy is not None
     monkeypatch.setattr(module, "time", _Clock())
@@ -360,7 +357,7 @@ def test_search__is_never_worse_than_21(
     value: Callable[[StateBatch], FloatArray], width: int
 ) -> None:
     for task in range(3):
-        start = _start(task)
+        start = start_of(task)
         greedy = analytic_plan(start, PAPER, 100, Budget())
         plan = search(start, value, PAPER, width=width, budget=Budget())
         assert greedy is not None
@@ -370,7 +367,7 @@ def test_search__is_never_worse_than_21(
 
 
 def test_search__keeps_the_cheaper_of_equally_short_plans() -> None:
-    states, _, _ = run_episode(_start(0, seed=1), PAPER)
+    states, _, _ = run_episode(start_of(0, seed=1), PAPER)
     costlier = 0
     for start in states[7:13]:
         greedy = analytic_plan(start, PAPER, 100, Budget())
@@ -387,8 +384,8 @@ def test_search__keeps_the_cheaper_of_equally_short_plans() -> None:
 def test_search__shortens_most_plans_of_21() -> None:
     shorter = 0
     for task in range(6):
-        greedy = analytic_plan(_start(task), PAPER, 100, Budget())
-        plan = search(_start(task), PhaseValue(PAPER), PAPER, width=16, budget=Budget())
+        greedy = analytic_plan(start_of(task), PAPER, 100, Budget())
+        plan = search(start_of(task), PhaseValue(PAPER), PAPER, width=16, budget=Budget())
         assert greedy is not None
         assert plan is not None
         shorter += len(plan) < len(greedy)
@@ -396,7 +393,7 @@ def test_search__shortens_most_plans_of_21() -> None:
 
 
 def test_search__looks_no_further_than_the_horizon() -> None:
-    start = _start(0)
+    start = start_of(0)
     plan = search(start, PhaseValue(PAPER), PAPER, width=4, budget=Budget())
     assert plan is not None
     for left, solvable in ((len(plan), True), (len(plan) - 1, False), (1, False)):
@@ -434,7 +431,7 @@ def test_noise__is_reproducible_and_no_tasks() -> None:
 
 
 def test_noisy_search__finds_other_plans_and_each_again() -> None:
-    start, value = _start(0), PhaseValue(PAPER)
+    start, value = start_of(0), PhaseValue(PAPER)
 
     def found(seed: int | None) -> tuple[int, ...]:
         noise = None if seed is None else noise_of(seed)

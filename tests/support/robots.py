@@ -16,7 +16,7 @@ from snake_env.params import SnakeParams
 from snake_env.sim.motion import Trajectory, trajectory
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
-from snake_env.sim.tasks import load_tasks
+from snake_env.sim.tasks import load_tasks, random_suite
 from snake_env.state import FloatArray, SnakeState
 from tests.support import oracle
 
@@ -51,6 +51,11 @@ def mirrored(state: SnakeState, params: SnakeParams = PAPER) -> SnakeState:
 def straight_state(params: SnakeParams = PAPER) -> SnakeState:
     """Straight, with the straight shape as its target."""
     return SnakeState.initial(np.zeros(params.n_joints), np.zeros(params.n_joints), params)
+
+
+def start_of(task: int, params: SnakeParams = PAPER, seed: int = 3) -> SnakeState:
+    """Where a random task begins."""
+    return random_suite(task + 1, seed, params).initial(task, params)
 
 
 def random_shape(rng: np.random.Generator, params: SnakeParams) -> FloatArray:
