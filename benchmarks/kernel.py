@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.operations import composition, processor
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
-from harness.command import console as make_console
+from harness.console import console as make_console
 from snake_env.kernel.blocks import block_width, clock_of, constants_of
 from snake_env.kernel.compiler import CACHE_VARIABLE
 from snake_env.kernel.interval import (

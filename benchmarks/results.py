@@ -23,8 +23,7 @@ from benchmarks.kernel import timed
 from benchmarks.operations import processor
 from benchmarks.vector import native
 from evaluate.table import interval
-from harness.command import exit_code
-from harness.files import read_json, write_atomically
+from harness.files import read_json
 from harness.folder import writable_folder
 from harness.options import parse
 from harness.provenance import revision
@@ -37,6 +36,8 @@ from snake_env.policies.registry import CRITIC
 from snake_env.policies.value import shipped
 from snake_env.sim.simulation import predict
 from snake_env.sim.tasks import load_tasks
+from snake_env.system.exit_code import exit_code
+from snake_env.system.files import write_atomically
 
 ROOT = Path(__file__).parent.parent
 DATA = ROOT / "docs" / "data"

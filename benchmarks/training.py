@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import CallbackList
 
 from agents.ppo import PPOLearner, Settings
-from harness.command import exit_code
 from harness.options import parse
 from snake_env.params import SnakeParams
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.warm_up import warm_up
+from snake_env.system.exit_code import exit_code
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,10 @@ import gymnasium
 import numpy as np
 from rich.table import Table
 
-from harness.command import console as make_console
-from harness.command import exit_code
+from harness.console import console as make_console
 from harness.options import parse
 from snake_env import set_num_threads
+from snake_env.system.exit_code import exit_code
 
 _ID = "snake_env:SnakeModeSelection-v0"
 _COUNTS = (1, 4, 16, 64, 256, 1024, 4096)

@@ -22,18 +22,19 @@ from evaluate.store import LAYOUT, Store
 from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from evaluate.video import check_wish
-from harness.command import complain, exit_code
-from harness.command import console as make_console
+from harness.console import console as make_console
 from harness.engine import WorkerLostError
 from harness.folder import held
 from harness.options import parse
 from harness.progress import progress
 from harness.provenance import begin
-from snake_env import VERSION, interrupts
+from snake_env import VERSION
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.sim.warm_up import warm_up
+from snake_env.system import interrupts
+from snake_env.system.exit_code import complain, exit_code
 
 _MOST_TASKS = 16  # in a shard, so that handing it out costs little beside doing it
 _LEAST_SHARDS = 100  # so that all workers are busy to the end, and a killed run loses little

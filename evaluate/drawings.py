@@ -10,10 +10,11 @@ from rich.console import Console
 from evaluate.options import Options
 from evaluate.protocol import Row
 from evaluate.video import write_videos
-from harness.command import complain, in_one_line
+from harness.console import in_one_line
 from harness.files import file_name
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite
+from snake_env.system.exit_code import complain
 
 
 def draw(

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from harness.command import in_one_line
+from harness.console import in_one_line
 from snake_env.errors import InvalidInputError, as_integer
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy

@@ -11,7 +11,7 @@ import numpy as np
 
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import is_outside, make_policy, staying
-from harness.command import in_one_line
+from harness.console import in_one_line
 from snake_env.envs.slip import NO_SLIP, Floor, Slip
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
 from snake_env.modes import mode_table

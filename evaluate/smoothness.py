@@ -17,12 +17,12 @@ import tyro
 
 from evaluate.protocol import Shard, run_shard
 from evaluate.replay import replay
-from harness.command import exit_code
 from harness.options import Assignments, parse
 from snake_env.params import SnakeParams, parse_overrides
 from snake_env.policies.registry import load_policy
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
+from snake_env.system.exit_code import exit_code
 
 
 @dataclass(frozen=True)

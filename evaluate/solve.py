@@ -17,7 +17,7 @@ from rich.console import Console
 
 from evaluate.plans import COLUMNS, Problem, Row, solve
 from harness.engine import Engine
-from harness.files import file_name, write_atomically
+from harness.files import file_name
 from harness.folder import Found, Layout, held
 from harness.journal import Journal, check_finished
 from harness.progress import progress
@@ -28,6 +28,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.value import value_digest
 from snake_env.sim.tasks import TaskSuite, load_tasks
 from snake_env.sim.warm_up import warm_up
+from snake_env.system.files import write_atomically
 
 LAYOUT = Layout(begun="plans.partial.jsonl", done="search.json", own=("plans.csv",))
 """What the folder of a search holds."""

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from evaluate.protocol import COLUMNS, Row
 from evaluate.rows import Rows, pack
-from harness.files import atomic_writer, write_atomically
 from harness.folder import Layout
 from harness.journal import Journal
+from snake_env.system.files import atomic_writer, write_atomically
 
 PARTIAL = "episodes.partial.jsonl"
 LAYOUT = Layout(

@@ -13,13 +13,13 @@ from evaluate.protocol import Row
 from evaluate.report.episodes import Choice, fastest_other, mode_choosing
 from evaluate.report.motion import Motion, motion_of
 from evaluate.report.replays import SIM_1, Replayed, collect, sim_1
-from harness.files import replacing
 from snake_env.errors import InvalidInputError, printable
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import INK
 from snake_env.rendering.painter import HEIGHT, WIDTH, Painter
 from snake_env.rendering.scenes import FRAME_EVERY_S, FRAMES_PER_SECOND, Scene
 from snake_env.sim.tasks import TaskSuite
+from snake_env.system.files import replacing
 
 if TYPE_CHECKING:
     from PIL import Image

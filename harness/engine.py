@@ -24,14 +24,14 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
-from harness.command import complain
-from snake_env import interrupts
 from snake_env.errors import (
     InvalidInputError,
     MissingDependencyError,
     SnakeEnvError,
     UnknownNameError,
 )
+from snake_env.system import interrupts
+from snake_env.system.exit_code import complain
 
 # Workers that have been idle end by themselves, and others take their place: nobody needs to know.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from harness.files import write_atomically
+from snake_env.system.files import write_atomically
 
 _named = os.environ.pop("MPLBACKEND", None)
 try:

@@ -1,22 +1,17 @@
-"""Files that a killed process can't leave half-written, that are read in bounds, and their names."""
+"""Files that are read in bounds, what killed writers leave, and names of files."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import os
 import re
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 LARGEST = 256 * 2**20
 """Bytes that are read of a file, unless a caller says otherwise."""
 _LONGEST_NAME = 60  # characters; with what stands around it far below the 255 bytes of file systems
-_STRAY = re.compile(r"tmp[a-z0-9_]{8}|\..*\.partial")
+_STRAY = re.compile(r"tmp[a-z0-9_]{8}")  # as snake_env.system.files names them
 
 
 class FileError(ValueError):
@@ -79,39 +74,6 @@ def parsed_json(text: str) -> Any:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no number in JSON")
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Writes a file so that a reader sees the old one or the whole new one."""
-    data = content.encode() if isinstance(content, str) else content
-    with replacing(path) as file:
-        file.write(data)
-
-
-@contextmanager
-def atomic_writer(path: Path) -> Iterator[TextIO]:
-    """A text file to write to, which takes the place of the old one when it is complete."""
-    with (
-        replacing(path) as file,
-        io.TextIOWrapper(file, encoding="utf-8", newline="") as text,
-    ):
-        yield text
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write to, which takes the place of the old one when it is complete."""
-    file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
-        "wb", dir=path.parent, delete=False
-    )
-    try:
-        with file:
-            yield file
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except BaseException:
-        Path(file.name).unlink(missing_ok=True)
-        raise
 
 
 def is_stray(path: Path) -> bool:

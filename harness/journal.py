@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from harness.files import FileError, atomic_writer, read_json, write_atomically
+from harness.files import FileError, read_json
 from snake_env.errors import InvalidInputError
+from snake_env.system.files import atomic_writer, write_atomically
 
 _SAME = "work with the same policies, tasks, options and constants (or --overwrite)"
 _LONGEST_LINE = 64 * 2**20  # characters of a finished piece

@@ -6,7 +6,7 @@ The physics: :class:`SnakeParams`, :class:`SnakeState`, :class:`ModeTable`, :fun
 """
 
 # ruff: noqa: E402  # interrupts are taken before anything else is imported
-from snake_env import interrupts
+from snake_env.system import interrupts
 
 interrupts.start()
 

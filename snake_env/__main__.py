@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib.util
 import platform
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -17,9 +15,9 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
-from snake_env import VERSION, interrupts
+from snake_env import VERSION
 from snake_env.envs.env import SnakeModeSelectionEnv
-from snake_env.errors import InvalidInputError, SnakeEnvError, printable
+from snake_env.errors import InvalidInputError, SnakeEnvError
 from snake_env.kernel.compiler import cache_folder
 from snake_env.modes import ModeTable, mode_table
 from snake_env.params import PRESETS, SnakeParams, parse_overrides
@@ -30,6 +28,8 @@ from snake_env.sim.optimizer import AnalyticOptimizer, Selection
 from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
+from snake_env.system import interrupts
+from snake_env.system.exit_code import exit_code
 
 _SIM_1_SECONDS = 36.0
 _LISTED = 15
@@ -42,36 +42,13 @@ _HELP = """\
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command line; its exit code."""
-    interrupts.open_streams()
-    return interrupts.guarded(lambda: _command(arguments), _interrupted)
-
-
-def _interrupted() -> int:
-    print()
-    return interrupts.INTERRUPTED
+    return exit_code(lambda: _command(arguments))
 
 
 def _command(arguments: list[str] | None) -> int:
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
-    try:
-        code = command(options)
-        sys.stdout.flush()
-        return code
-    except SnakeEnvError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except EOFError:
-        return _interrupted()
-    except BrokenPipeError:  # whoever read our output has seen enough
-        interrupts.forget_stdout()
-        return interrupts.CLOSED_PIPE
-    except OSError as error:
-        with contextlib.suppress(OSError):  # what was printed before
-            sys.stdout.flush()
-        interrupts.forget_stdout()
-        print(f"error: {printable(str(error))}", file=sys.stderr)
-        return 1
+    return command(options)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -194,7 +171,11 @@ def _play(options: argparse.Namespace) -> int:
     while True:
         state = env.state
         _describe(state)
-        mode = _ask(state, optimizer)
+        try:
+            mode = _ask(state, optimizer)
+        except EOFError:
+            print()
+            return interrupts.INTERRUPTED
         if mode is None:
             return 0
         _, reward, terminated, truncated, info = env.step(mode)

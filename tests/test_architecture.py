@@ -12,7 +12,7 @@ from tests.support import ROOT
 PACKAGE = ROOT / "snake_env"
 # The rooms, floor by floor: a room may import only from rooms before it.
 ROOMS = [
-    *("interrupts", "errors", "params", "equations", "modes", "kernel", "state", "sim", "networks"),
+    *("errors", "system", "params", "equations", "modes", "kernel", "state", "sim", "networks"),
     *("rendering", "envs", "policies", "sb3", "__init__", "__main__"),
 ]
 PHYSICS = ROOMS[: ROOMS.index("envs")]

@@ -6,12 +6,13 @@ import importlib
 import sys
 from typing import Any
 
-from harness.command import complain, exit_code
-from harness.command import console as make_console
+from harness.console import console as make_console
 from harness.engine import WorkerLostError
 from harness.provenance import begin
-from snake_env import VERSION, interrupts
+from snake_env import VERSION
 from snake_env.errors import UnknownNameError
+from snake_env.system import interrupts
+from snake_env.system.exit_code import complain, exit_code
 from train.config import parse_with_file
 from train.run import Run
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import torch
 
-from harness.files import FileError, read_bytes, write_atomically
+from harness.files import FileError, read_bytes
 from snake_env.errors import InvalidInputError, as_integer
+from snake_env.system.files import write_atomically
 
 _MAGIC = b"snake-mode-env checkpoint 1\n"
 _DIGEST = 32  # bytes

@@ -13,11 +13,11 @@ import tyro
 from rich.console import Console
 
 import snake_env
-from harness.command import in_one_line
-from harness.files import write_atomically
+from harness.console import in_one_line
 from harness.folder import writable_folder
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.system.files import write_atomically
 from train.models import SOURCES, TABLE
 from train.records import read_about
 from train.validation import SUITE, in_words

@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from harness.command import PlainConsole
+from harness.console import PlainConsole
 from harness.engine import Engine
 from harness.provenance import begin
 

@@ -17,11 +17,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from harness.files import write_atomically
 from harness.folder import Layout, held
 from harness.provenance import command, revision
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
+from snake_env.system.files import write_atomically
 from train.records import ABOUT, SCHEMA, read_about, read_log
 
 _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3", "safetensors")

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.engine import Engine
-from harness.files import write_atomically
 from harness.folder import writable_folder
 from harness.provenance import words_without
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import read_model
+from snake_env.system.files import write_atomically
 from train.jobs import Job, side_by_side
 from train.validation import quality
 

@@ -9,9 +9,9 @@ from typing import Any
 from evaluate.protocol import Row
 from evaluate.report.page import render
 from evaluate.report.replays import collect, sim_1
-from harness.files import write_atomically
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import TaskSuite
+from snake_env.system.files import write_atomically
 
 FILE = "report.html"
 

@@ -7,7 +7,6 @@ import functools
 import hashlib
 import logging
 import os
-import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,8 @@ from pathlib import Path
 import llvmlite
 import llvmlite.binding as llvm
 import platformdirs
+
+from snake_env.system.files import write_atomically
 
 CACHE_VARIABLE = "SNAKE_ENV_CACHE_DIR"
 _log = logging.getLogger(__name__)
@@ -114,14 +115,7 @@ def _write_cache(path: Path, code: bytes) -> None:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.parent.chmod(0o755)  # whatever the umask: code is no secret
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(code).digest() + code)
-        try:
-            os.chmod(file.name, 0o644)  # temporary files are their owner's alone
-            os.replace(file.name, path)
-        except OSError:
-            os.unlink(file.name)
-            raise
+        write_atomically(path, hashlib.sha256(code).digest() + code)
     except OSError as error:
         _warn(f"in {path.parent} ({error.strerror})")
 

@@ -23,6 +23,7 @@ from snake_env.networks.network import ACTIVATIONS, Network
 from snake_env.networks.symmetry import Images
 from snake_env.params import SnakeParams
 from snake_env.sim.observation import observation_rows, observation_size
+from snake_env.system.files import write_atomically
 
 SCHEMAS = (2, 3, 4)
 """Of files that can be read; the last one is written. Networks of schema 2 have ReLU; those of 2 and 3
@@ -123,9 +124,7 @@ def write_model(path: Path, model: Model) -> None:
     # one key: with more of them their order would be random, and so would the file's bytes
     data = save(tensors, metadata={"manifest": json.dumps(manifest)})
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(data)
-    partial.replace(path)
+    write_atomically(path, data)
 
 
 def read_model(path: Path) -> Model:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from snake_env.rendering.drawing import (
 )
 from snake_env.rendering.scenes import FRAMES_PER_SECOND, Scene
 from snake_env.state import FloatArray
+from snake_env.system.files import replacing
 
 if TYPE_CHECKING:
     from PIL import Image, ImageDraw
@@ -200,4 +201,6 @@ def save_gif(scenes: list[Scene], path: str | Path, params: SnakeParams) -> None
     painter.begin(scenes)
     images = painter.quantized([painter.image(scene) for scene in scenes])
     durations = [1000 // FRAMES_PER_SECOND] * (len(images) - 1) + [2000]
-    images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)
+    more: dict[str, Any] = {"append_images": images[1:], "duration": durations, "loop": 0}
+    with replacing(Path(path)) as file:
+        images[0].save(file, "GIF", save_all=True, **more)

@@ -53,7 +53,8 @@ class Prediction:
         feasible: Whether (22) and (23) hold throughout, shape (M,).
         violation: Name of the first violation, shape (M,): ``""``, ``"stability"`` or
             ``"joint_limit"``.
-        d_min: Least distance between links that could collide, shape (M,) [m].
+        d_min: Least distance between links that could collide, over the shapes within the joint
+            limits, shape (M,) [m].
         max_abs_phi: Largest joint angle in size, shape (M,) [rad].
         duration: Time until the end, or until the violation, shape (M,) [s].
     """

@@ -13,7 +13,7 @@ from evaluate.compare import CompareOptions, compare_folders
 from evaluate.protocol import COLUMNS
 from evaluate.store import Store, write_results
 from evaluate.summary import build_summary
-from harness.command import PlainConsole
+from harness.console import PlainConsole
 from snake_env.errors import InvalidInputError
 from tests.support.damage import damaged
 from tests.support.evaluations import SUITE, rows_of

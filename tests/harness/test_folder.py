@@ -42,7 +42,7 @@ def _fill(folder: Path, *files: str) -> None:
         (("done.json", "work.jsonl"), "begun"),
         (("work.jsonl", "a.png"), "begun"),
         (("tmpab12_9xz",), "nothing"),
-        ((".model.safetensors.partial",), "nothing"),
+        (("tmp_a1b2c3d",), "nothing"),
     ],
 )
 def test_resume__goes_by_what_is_there(tmp_path: Path, files: tuple[str, ...], found: str) -> None:
@@ -101,7 +101,7 @@ def test_lock__dies_with_its_owner(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from harness import files
+from snake_env.system import files
 with files.replacing(Path(sys.argv[1])) as file:
     file.write(b"half")
     file.flush()

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from snake_env.rendering.painter import Painter, save_gif
 from snake_env.rendering.scenes import FRAME_EVERY_S, motion_scenes, still_scene
 from snake_env.sim.simulation import predict
 from snake_env.state import SnakeState
+from tests.support.commands import names
 from tests.support.robots import PAPER
 
 
@@ -150,3 +152,19 @@ def test_gif__has_all_frames_and_keeps_small_marks(sim_1: SnakeState, tmp_path: 
         frame = np.asarray(image.convert("RGB"))
     for colour in (GROUNDED, LIFTED, GRAVITY):
         assert pixels_of(frame, colour) > 15
+
+
+def test_gif__that_cannot_be_written_leaves_the_old_one(
+    sim_1: SnakeState, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(image: Image.Image, file: Any, *_: object, **__: object) -> None:
+        file.write(b"GIF89a")
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "motion.gif"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(Image.Image, "save", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        save_gif([still_scene(sim_1, PAPER)], path, PAPER)
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == {"motion.gif"}

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import AnalyticPolicy, FirstFeasiblePolicy
 from snake_env.state import SnakeState
+from tests.support import HANGS_S
 
 NOT_CALLABLE = 3
 
@@ -81,6 +82,15 @@ class Wandering(FirstFeasiblePolicy):
 def wanderer(params: SnakeParams) -> Wandering:
     os.chdir("/")
     return Wandering(params)
+
+
+class Halting(AnalyticPolicy):
+    """(21); where the environment says so, it stands still at the tasks from 60 on."""
+
+    def reset(self, seed: int | None = None) -> None:
+        if seed is not None and seed >= 60 and "HALT" in os.environ:
+            time.sleep(HANGS_S)
+        super().reset(seed)
 
 
 class OutsideSuite(FirstFeasiblePolicy):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from snake_env import interrupts
+from snake_env.system import interrupts
 from tests.support import ROOT
 
 # Sends the process a signal at a moment that the environment names: as a module is imported, or at

@@ -1,0 +1,1 @@
+"""What every command and file needs of the operating system: signals, exit codes, whole files."""
