@@ -36,8 +36,8 @@ def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
         robots: Those that there are results of.
 
     Returns:
-        ``robot``, ``command``, ``git``, ``seed``; ``minutes`` of each step; ``final``: how its models
-        and (21) do; ``count``: tasks of a validation; ``curves``: for each learner the decisions, in
+        ``robot``, ``command``, ``git``, ``seed``; ``student``: SHA-256 of what PPO and DQN began with;
+        ``minutes`` of each step; ``final``: how its models and (21) do; ``count``: tasks of a validation; ``curves``: for each learner the decisions, in
         millions, and the shares of tasks solved, raw and with ``+critic``; first the student's.
 
     Raises:
@@ -66,6 +66,7 @@ def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
         "command": about["command"],
         "git": about["git"],
         "seed": about["config"]["seed"],
+        "student": read_about(recipe / LEARNERS[0], "recipes")["config"]["init"],
         "minutes": dict(zip(names, minutes, strict=True)),
         "final": read_json(recipe / "models" / TABLE),
         "count": about["config"]["stages"]["ppo"]["validation_tasks"],
@@ -127,7 +128,8 @@ def collect_seed(run: Path, robots: Collection[str]) -> dict[str, Any]:
         robots: Those that there are results of.
 
     Returns:
-        ``robot``; ``trained``: "recipe-quick", "recipe-full", or "learners"; ``seed``; ``git``;
+        ``robot``; ``trained``: "recipe-quick", "recipe-full", or "learners"; ``seed``; ``git``, the
+        revision that trained it; ``student``, SHA-256 of what the learners began with, or None;
         ``models``: the files by learner, "ppo" and "dqn".
 
     Raises:
@@ -137,18 +139,21 @@ def collect_seed(run: Path, robots: Collection[str]) -> dict[str, Any]:
     algorithm, config = about["algorithm"], about["config"]
     if about["robot"] in robots and algorithm in LEARNERS and config["init"]:
         _finished(run, config, "seeds")
-        trained, models = "learners", {algorithm: run / "last.safetensors"}
+        trained, student = "learners", config["init"]
+        models = {algorithm: run / "last.safetensors"}
     elif about["robot"] in robots and algorithm in ("recipe-quick", "recipe-full"):
         if not (run / "models" / TABLE).is_file():
             raise InvalidInputError("seeds", str(run), "a finished recipe (--resume finishes it)")
-        trained = algorithm
+        trained, student = algorithm, None
         models = {name: run / "models" / f"{name}.safetensors" for name in LEARNERS}
     else:
         found = f"{run}: {algorithm} of {about['robot']}"
         expected = f"recipes, or runs of train ppo or dqn with --init, of {', '.join(robots)}"
         raise InvalidInputError("seeds", found, expected)
-    about = {key: about[key] for key in ("robot", "git")}
-    return {**about, "trained": trained, "seed": config["seed"], "models": models}
+    return {
+        **{key: about[key] for key in ("robot", "git")},
+        **{"trained": trained, "seed": config["seed"], "student": student, "models": models},
+    }
 
 
 def draw(recipes: Mapping[str, Mapping[str, Any]], path: Path) -> None:

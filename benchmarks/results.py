@@ -11,7 +11,7 @@ import json
 import statistics
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,9 +95,8 @@ def main(args: list[str] | None = None) -> int:
     for name in options.only:
         if name not in known:
             raise UnknownNameError("part of the results", name, known)
-    found = {}
-    for recipe in [learning.collect(folder, ROBOTS) for folder in options.recipes]:
-        found[f"recipe-{recipe['robot']}"] = recipe
+    learned = [learning.collect(folder, ROBOTS) for folder in options.recipes]
+    found = {f"recipe-{recipe['robot']}": recipe for recipe in learned}
     if options.scratch:
         runs = [learning.collect_scratch(folder, ROBOTS) for folder in options.scratch]
         found["scratch"] = {"runs": runs}
@@ -105,13 +104,13 @@ def main(args: list[str] | None = None) -> int:
     for name in (options.only or known) if options.run else ():
         found[name] = speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
     if trained:
-        found["seeds"] = {"runs": seeds(trained)}
+        recipes = _recipes() | {recipe["robot"]: recipe for recipe in learned}
+        found["seeds"] = {"runs": seeds(trained, recipes)}
     writable_folder(DATA)
     for name, figures in found.items():  # all at once: until then the tree is as committed
         write_atomically(DATA / f"{name}.json", _text(figures))
-    recipes = _recipes()
-    if recipes:
-        learning.draw(recipes, CURVES)
+    if _recipes():
+        learning.draw(_recipes(), CURVES)
     write_atomically(PAGE, page())
     print(f"written: {PAGE}")
     return 0
@@ -148,24 +147,37 @@ def _evaluate(name: str, evaluation: Evaluation, policies: Sequence[str], *more:
     return read_json(out / "summary.json")
 
 
-def seeds(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def seeds(
+    runs: Sequence[dict[str, Any]], recipes: Mapping[str, dict[str, Any]]
+) -> list[dict[str, Any]]:
     """How the models of other seeds do on the tasks of their robots.
 
     Args:
         runs: What :func:`benchmarks.learning.collect_seed` says of each.
+        recipes: What :func:`benchmarks.learning.collect` says of each robot's recipe.
 
     Returns:
-        For each robot, way of training and seed: ``robot``, ``trained``, ``seed``; ``git``, the
-        revision that evaluated them; and of each of the ``policies``, such as "ppo+critic",
-        ``success_rate`` and ``time_ratio``.
+        For each robot, way of training and seed: ``robot``, ``trained``, ``seed``; ``trained_at`` and
+        ``git``, the revisions that trained and that evaluated them; and of each of the ``policies``,
+        such as "ppo+critic", ``success_rate`` and ``time_ratio``.
 
     Raises:
-        InvalidInputError: A seed is there twice.
+        InvalidInputError: A seed is there twice, or began with another student than the robot's
+            recipe.
     """
     found: dict[Any, dict[str, Any]] = {}
     for robot in ROBOTS:
+        student = recipes.get(robot, {}).get("student")
         files: dict[tuple[str, int, str], str] = {}
+        revisions: dict[tuple[str, int], set[str]] = {}
         for run in [run for run in runs if run["robot"] == robot]:
+            if run["student"] not in (None, student):
+                raise InvalidInputError(
+                    "seeds",
+                    ", ".join(map(str, run["models"].values())),
+                    f"runs that began with the student of the recipe of {robot}",
+                )
+            revisions.setdefault((run["trained"], run["seed"]), set()).add(run["git"])
             for learner, file in run["models"].items():
                 if (run["trained"], run["seed"], learner) in files:
                     raise InvalidInputError("seeds", str(file), "each seed once")
@@ -178,6 +190,7 @@ def seeds(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         )
         for (trained, seed, policy), file in sorted(files.items()):
             about = {"robot": robot, "trained": trained, "seed": seed, "git": summary["git"]}
+            about["trained_at"] = sorted(revisions[trained, seed])
             row = found.setdefault((robot, trained, seed), {**about, "policies": {}})
             row["policies"][policy] = {
                 "success_rate": summary["policies"][file]["success_rate"],

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks import learning, results
 from benchmarks.learning import collect, collect_scratch, collect_seed
+from benchmarks.results import seeds
 from evaluate.statistics import wilson95
 from snake_env.errors import InvalidInputError
 from train.recipe import ORDER
@@ -33,6 +34,15 @@ def recipe(tmp_path: Path) -> Path:
                 "stages": {"ppo": {"validation_tasks": 40}},
             },
         },
+        "ppo/run.json": {
+            "schema": 1,
+            "algorithm": "ppo",
+            "robot": "six",
+            "command": "python -m train ppo",
+            "git": "0123",
+            "versions": {},
+            "config": {"params": {"n_joints": 6}, "seed": 3, "init": "0a1b"},
+        },
         "log.csv": "step,minutes\n" + "".join(f"{k},{k}.5\n" for k in range(1, 1 + len(ORDER))),
         "imitate/log.csv": "round,raw_success,critic_success\n1,0.1,0.2\n2,0.5,0.6\n",
         "ppo/log.csv": (
@@ -54,6 +64,7 @@ def test_figures__are_those_of_the_folder(recipe: Path) -> None:
         "command": "python -m train recipe",
         "git": "0123",
         "seed": 3,
+        "student": "0a1b",
         "minutes": dict(zip(map(", ".join, ORDER), [1.5, 2.5, 3.5, 4.5], strict=True)),
         "final": FINAL,
         "count": 40,
@@ -170,6 +181,7 @@ def test_seed__is_a_recipe_or_a_run_that_began_with_a_student(scratch: Path) -> 
     assert collect_seed(scratch, ["six"]) == {
         **own,
         "trained": "learners",
+        "student": "0a1b",
         "models": {"ppo": scratch / "last.safetensors"},
     }
     recipe = scratch.parent / "recipe"
@@ -179,7 +191,8 @@ def test_seed__is_a_recipe_or_a_run_that_began_with_a_student(scratch: Path) -> 
     (recipe / "models").mkdir()
     (recipe / "models" / "validation.json").write_text("{}")
     models = {name: recipe / "models" / f"{name}.safetensors" for name in ("ppo", "dqn")}
-    assert collect_seed(recipe, ["six"]) == {**own, "trained": "recipe-quick", "models": models}
+    quick = {**own, "trained": "recipe-quick", "student": None, "models": models}
+    assert collect_seed(recipe, ["six"]) == quick
 
 
 @pytest.mark.parametrize(
@@ -199,3 +212,11 @@ def test_other_runs__are_no_seeds(
         collect_seed(scratch, ["six"])
     with pytest.raises(InvalidInputError, match="seeds = "):
         collect_seed(scratch, ["paper"])
+
+
+@pytest.mark.parametrize("recipes", [{}, {"six": {}}, {"six": {"student": "ffff"}}])
+def test_seeds_of_another_student__are_refused(scratch: Path, recipes: dict[str, Any]) -> None:
+    _about(scratch, "ppo", {"init": "0a1b", "timesteps": 3000})
+    run = collect_seed(scratch, ["six"])
+    with pytest.raises(InvalidInputError, match="began with the student of the recipe of six"):
+        seeds([run], recipes)
