@@ -37,8 +37,9 @@ def collect(recipe: Path, robots: Collection[str]) -> dict[str, Any]:
 
     Returns:
         ``robot``, ``command``, ``git``, ``seed``; ``student``: SHA-256 of what PPO and DQN began with;
-        ``minutes`` of each step; ``final``: how its models and (21) do; ``count``: tasks of a validation; ``curves``: for each learner the decisions, in
-        millions, and the shares of tasks solved, raw and with ``+critic``; first the student's.
+        ``minutes`` of each step; ``final``: how its models and (21) do; ``count``: tasks of a
+        validation; ``curves``: for each learner the decisions, in millions, and the shares of tasks
+        solved, raw and with ``+critic``; first the student's.
 
     Raises:
         InvalidInputError: It is no finished recipe, or damaged.
@@ -120,40 +121,41 @@ def _finished(run: Path, config: Mapping[str, Any], field: str) -> list[dict[str
     return rows
 
 
-def collect_seed(run: Path, robots: Collection[str]) -> dict[str, Any]:
+def collect_seed(run: Path, recipes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """What a finished recipe has made, or a finished run of PPO or DQN that began with a student.
 
     Args:
         run: Its folder.
-        robots: Those that there are results of.
+        recipes: What :func:`collect` says of each robot's recipe.
 
     Returns:
         ``robot``; ``trained``: "recipe-quick", "recipe-full", or "learners"; ``seed``; ``git``, the
-        revision that trained it; ``student``, SHA-256 of what the learners began with, or None;
-        ``models``: the files by learner, "ppo" and "dqn".
+        revision that trained it; ``models``: the files by learner, "ppo" and "dqn".
 
     Raises:
-        InvalidInputError: It is no such run, or damaged.
+        InvalidInputError: It is no such run, damaged, or began with another student than the recipe's
+            learners.
     """
     about = read_about(run, "seeds")
-    algorithm, config = about["algorithm"], about["config"]
-    if about["robot"] in robots and algorithm in LEARNERS and config["init"]:
+    robot, algorithm, config = about["robot"], about["algorithm"], about["config"]
+    if robot in recipes and algorithm in LEARNERS and config["init"]:
         _finished(run, config, "seeds")
-        trained, student = "learners", config["init"]
-        models = {algorithm: run / "last.safetensors"}
-    elif about["robot"] in robots and algorithm in ("recipe-quick", "recipe-full"):
+        if config["init"] != recipes[robot]["student"]:
+            expected = f"a run that began with the student of the recipe of {robot}"
+            raise InvalidInputError("seeds", str(run), expected)
+        trained, models = "learners", {algorithm: run / "last.safetensors"}
+    elif robot in recipes and algorithm in ("recipe-quick", "recipe-full"):
         if not (run / "models" / TABLE).is_file():
             raise InvalidInputError("seeds", str(run), "a finished recipe (--resume finishes it)")
-        trained, student = algorithm, None
+        trained = algorithm
         models = {name: run / "models" / f"{name}.safetensors" for name in LEARNERS}
     else:
-        found = f"{run}: {algorithm} of {about['robot']}"
-        expected = f"recipes, or runs of train ppo or dqn with --init, of {', '.join(robots)}"
+        found = f"{run}: {algorithm} of {robot}"
+        known = ", ".join(recipes) or "robots with --recipes"
+        expected = f"recipes, or runs of train ppo or dqn with --init, of {known}"
         raise InvalidInputError("seeds", found, expected)
-    return {
-        **{key: about[key] for key in ("robot", "git")},
-        **{"trained": trained, "seed": config["seed"], "student": student, "models": models},
-    }
+    about = {"robot": robot, "git": about["git"], "seed": config["seed"]}
+    return {**about, "trained": trained, "models": models}
 
 
 def draw(recipes: Mapping[str, Mapping[str, Any]], path: Path) -> None:

@@ -11,7 +11,7 @@ import json
 import statistics
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,17 +100,17 @@ def main(args: list[str] | None = None) -> int:
     if options.scratch:
         runs = [learning.collect_scratch(folder, ROBOTS) for folder in options.scratch]
         found["scratch"] = {"runs": runs}
-    trained = [learning.collect_seed(folder.resolve(), ROBOTS) for folder in options.seeds]
+    recipes = _recipes() | {recipe["robot"]: recipe for recipe in learned}
+    trained = [learning.collect_seed(folder.resolve(), recipes) for folder in options.seeds]
     for name in (options.only or known) if options.run else ():
         found[name] = speeds() if name == "speed" else evaluated(name, EVALUATIONS[name])
     if trained:
-        recipes = _recipes() | {recipe["robot"]: recipe for recipe in learned}
-        found["seeds"] = {"runs": seeds(trained, recipes)}
+        found["seeds"] = {"runs": seeds(trained)}
     writable_folder(DATA)
     for name, figures in found.items():  # all at once: until then the tree is as committed
         write_atomically(DATA / f"{name}.json", _text(figures))
-    if _recipes():
-        learning.draw(_recipes(), CURVES)
+    if recipes:
+        learning.draw(recipes, CURVES)
     write_atomically(PAGE, page())
     print(f"written: {PAGE}")
     return 0
@@ -147,14 +147,11 @@ def _evaluate(name: str, evaluation: Evaluation, policies: Sequence[str], *more:
     return read_json(out / "summary.json")
 
 
-def seeds(
-    runs: Sequence[dict[str, Any]], recipes: Mapping[str, dict[str, Any]]
-) -> list[dict[str, Any]]:
+def seeds(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """How the models of other seeds do on the tasks of their robots.
 
     Args:
         runs: What :func:`benchmarks.learning.collect_seed` says of each.
-        recipes: What :func:`benchmarks.learning.collect` says of each robot's recipe.
 
     Returns:
         For each robot, way of training and seed: ``robot``, ``trained``, ``seed``; ``trained_at`` and
@@ -162,21 +159,13 @@ def seeds(
         such as "ppo+critic", ``success_rate`` and ``time_ratio``.
 
     Raises:
-        InvalidInputError: A seed is there twice, or began with another student than the robot's
-            recipe.
+        InvalidInputError: A seed is there twice.
     """
     found: dict[Any, dict[str, Any]] = {}
     for robot in ROBOTS:
-        student = recipes.get(robot, {}).get("student")
         files: dict[tuple[str, int, str], str] = {}
         revisions: dict[tuple[str, int], set[str]] = {}
         for run in [run for run in runs if run["robot"] == robot]:
-            if run["student"] not in (None, student):
-                raise InvalidInputError(
-                    "seeds",
-                    ", ".join(map(str, run["models"].values())),
-                    f"runs that began with the student of the recipe of {robot}",
-                )
             revisions.setdefault((run["trained"], run["seed"]), set()).add(run["git"])
             for learner, file in run["models"].items():
                 if (run["trained"], run["seed"], learner) in files:

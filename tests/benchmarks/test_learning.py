@@ -8,11 +8,11 @@ import pytest
 
 from benchmarks import learning, results
 from benchmarks.learning import collect, collect_scratch, collect_seed
-from benchmarks.results import seeds
 from evaluate.statistics import wilson95
 from snake_env.errors import InvalidInputError
 from train.recipe import ORDER
 
+RECIPES = {"six": {"student": "0a1b"}}
 FINAL = {name: {"success": 30 + k, "n": 50} for k, name in enumerate(["analytic", "ppo", "dqn"])}
 
 
@@ -178,27 +178,26 @@ def _about(folder: Path, algorithm: str, config: dict[str, Any]) -> None:
 def test_seed__is_a_recipe_or_a_run_that_began_with_a_student(scratch: Path) -> None:
     _about(scratch, "ppo", {"init": "0a1b", "timesteps": 3000})
     own = {"robot": "six", "git": "0123", "seed": 2}
-    assert collect_seed(scratch, ["six"]) == {
+    assert collect_seed(scratch, RECIPES) == {
         **own,
         "trained": "learners",
-        "student": "0a1b",
         "models": {"ppo": scratch / "last.safetensors"},
     }
     recipe = scratch.parent / "recipe"
     _about(recipe, "recipe-quick", {})
     with pytest.raises(InvalidInputError, match=r"seeds = .*a finished recipe"):
-        collect_seed(recipe, ["six"])
+        collect_seed(recipe, RECIPES)
     (recipe / "models").mkdir()
     (recipe / "models" / "validation.json").write_text("{}")
     models = {name: recipe / "models" / f"{name}.safetensors" for name in ("ppo", "dqn")}
-    quick = {**own, "trained": "recipe-quick", "student": None, "models": models}
-    assert collect_seed(recipe, ["six"]) == quick
+    assert collect_seed(recipe, RECIPES) == {**own, "trained": "recipe-quick", "models": models}
 
 
 @pytest.mark.parametrize(
     ("algorithm", "changes", "reason"),
     [
         ("ppo", {"init": None, "timesteps": 3000}, "with --init"),
+        ("ppo", {"init": "0a1c", "timesteps": 3000}, "began with the student of the recipe of six"),
         ("dqn", {"init": "0a1b", "timesteps": 4000}, "a finished run"),
         ("value", {"init": None}, "recipes, or runs"),
         ("recipe-own", {}, "recipes, or runs"),
@@ -209,14 +208,6 @@ def test_other_runs__are_no_seeds(
 ) -> None:
     _about(scratch, algorithm, changes)
     with pytest.raises(InvalidInputError, match=rf"seeds = .*{reason}"):
-        collect_seed(scratch, ["six"])
+        collect_seed(scratch, RECIPES)
     with pytest.raises(InvalidInputError, match="seeds = "):
-        collect_seed(scratch, ["paper"])
-
-
-@pytest.mark.parametrize("recipes", [{}, {"six": {}}, {"six": {"student": "ffff"}}])
-def test_seeds_of_another_student__are_refused(scratch: Path, recipes: dict[str, Any]) -> None:
-    _about(scratch, "ppo", {"init": "0a1b", "timesteps": 3000})
-    run = collect_seed(scratch, ["six"])
-    with pytest.raises(InvalidInputError, match="began with the student of the recipe of six"):
-        seeds([run], recipes)
+        collect_seed(scratch, {"paper": {"student": "0a1b"}})
