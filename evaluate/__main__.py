@@ -172,11 +172,15 @@ def _shards(
     for name in options.names:
         missing = store.missing(name)
         for start in range(0, len(missing), size):
-            tasks = missing[start : start + size]
-            states = [suite.initial(task, params) for task in tasks]
-            models = tuple(config["models"][name])
-            limit = options.decision_timeout
-            yield Shard(name, tasks, states, params, limit, options.slip, models)
+            yield Shard.of(
+                name,
+                suite,
+                missing[start : start + size],
+                params,
+                decision_timeout_s=options.decision_timeout,
+                slip=options.slip,
+                models=tuple(config["models"][name]),
+            )
 
 
 def _run(

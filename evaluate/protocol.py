@@ -20,6 +20,7 @@ from snake_env.policies.base import Policy, models_of
 from snake_env.policies.skid import skid
 from snake_env.sim.episode import Episode, EpisodeSummary
 from snake_env.sim.simulation import predict
+from snake_env.sim.tasks import TaskSuite
 from snake_env.state import SnakeState
 
 SKID = "skid"
@@ -71,6 +72,13 @@ class Shard:
     decision_timeout_s: float | None = None
     slip: Slip = NO_SLIP
     models: tuple[str, ...] | None = None
+
+    @classmethod
+    def of(
+        cls, policy: str, suite: TaskSuite, tasks: list[int], params: SnakeParams, **more: Any
+    ) -> Shard:
+        """A policy's episodes on some tasks of a suite; ``more`` are further attributes."""
+        return cls(policy, tasks, [suite.initial(task, params) for task in tasks], params, **more)
 
 
 def check_policy(name: str, params: SnakeParams, slip: Slip = NO_SLIP) -> list[str]:

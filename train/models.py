@@ -68,16 +68,9 @@ def ship(
             policies[name] = str(file)
     suite = load_tasks(SUITE, params)
     shards = [
-        Shard(
-            policy,
-            tasks,
-            [suite.initial(task, params) for task in tasks],
-            params,
-            slip=slip,
-        )
+        Shard.of(policy, suite, list(range(first, min(first + _PART, count))), params, slip=slip)
         for policy in policies.values()
         for first in range(0, count, _PART)
-        for tasks in [list(range(first, min(first + _PART, count)))]
     ]
     rows: dict[str, list[Row]] = {policy: [] for policy in policies.values()}
     with closing(engine.map(run_shard, shards)) as played:

@@ -39,10 +39,9 @@ class Validation:
         """Success rate, mean time and roll-outs per decision, raw and with the critic."""
         suite = load_tasks(SUITE, params)
         tasks = list(range(self.validation_tasks))
-        states = [suite.initial(task, params) for task in tasks]
         figures: dict[str, float] = {}
         for label, policy in (("raw", str(model)), ("critic", f"{model}{CRITIC}")):
-            rows = run_shard(Shard(policy, tasks, states, params, slip=slip))
+            rows = run_shard(Shard.of(policy, suite, tasks, params, slip=slip))
             summary: dict[str, Any] = summarise(rows, (), params)
             figures[f"{label}_success"] = round(summary["success_rate"], 5)
             figures[f"{label}_time_s"] = round(summary["time_s"]["mean"] or float("nan"), 3)

@@ -25,8 +25,7 @@ SHORT = PAPER.replace(horizon=2)
 
 
 def _shard(policy: str, tasks: list[int], limit: float | None = None) -> Shard:
-    suite = random_suite(6, 3, SHORT)
-    return Shard(policy, tasks, [suite.initial(task, SHORT) for task in tasks], SHORT, limit)
+    return Shard.of(policy, random_suite(6, 3, SHORT), tasks, SHORT, decision_timeout_s=limit)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,8 @@ def _played(policy: str, tasks: str, params: SnakeParams) -> list[list[Row]]:
     suite = load_tasks(tasks, params)
     warm_up(params)
     shards = [
-        Shard(policy, list(part), [suite.initial(task, params) for task in part], params)
+        Shard.of(policy, suite, list(range(first, min(first + _PART, len(suite)))), params)
         for first in range(0, len(suite), _PART)
-        for part in [range(first, min(first + _PART, len(suite)))]
     ]
     return list(Engine().map(run_shard, shards))
 

@@ -16,9 +16,7 @@ SUITE = random_suite(6, 3, PAPER)
 
 def evaluated(policy: str, suite: TaskSuite, params: SnakeParams = PAPER, **more: Any) -> list[Row]:
     """A policy's episodes on a suite; more are attributes of their shard."""
-    tasks = list(range(len(suite)))
-    states = [suite.initial(task, params) for task in tasks]
-    return run_shard(Shard(policy, tasks, states, params, **more))
+    return run_shard(Shard.of(policy, suite, list(range(len(suite))), params, **more))
 
 
 @functools.cache
