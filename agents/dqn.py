@@ -21,10 +21,10 @@ from agents.checks import (
     check_positive,
     check_share,
 )
+from agents.failures import failure_value
 from agents.learner import Learner
-from agents.mlp import falling
-from agents.pace import failure_value
-from snake_env.networks.model_file import PREFERENCE
+from agents.mlp import linear_schedule
+from snake_env.networks.model_file import REWARD_PER_LOGIT
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import MaskedDQN, MaskedDQNPolicy, SnakeVecEnv
@@ -44,7 +44,7 @@ class AnchoredDQN(MaskedDQN):
     Attributes:
         anchor: The student's network; None: there is none.
         weight: Weight of the distance beside the Bellman error.
-        floor: The least target: what a failure is worth, :func:`agents.pace.failure_value`.
+        floor: The least target: what a failure is worth, :func:`agents.failures.failure_value`.
     """
 
     anchor: nn.Module | None = None
@@ -155,7 +155,7 @@ class DQNLearner(Learner):
         model = AnchoredDQN(
             MaskedDQNPolicy,
             env,
-            learning_rate=falling(settings.learning_rate),
+            learning_rate=linear_schedule(settings.learning_rate),
             buffer_size=settings.buffer_size,
             learning_starts=settings.learning_starts,
             batch_size=settings.batch_size,
@@ -178,14 +178,14 @@ class DQNLearner(Learner):
             model, layers, settings.timesteps, settings.learning_rate, settings.ema_rate
         )
 
-    def begin(self, preferences: Network) -> None:
-        """Gives the action values a network's preferences, and keeps them as the anchor."""
-        self._load(preferences.scaled(PREFERENCE))
+    def begin(self, logits: Network) -> None:
+        """Gives the action values a network's logits, and keeps them as the anchor."""
+        self._load(logits.scaled(REWARD_PER_LOGIT))
         self._drop_anchor()
 
     def network(self) -> Network:
-        """The action values as preferences."""
-        return self._averaged().scaled(1.0 / PREFERENCE)
+        """The action values as logits."""
+        return self._averaged().scaled(1.0 / REWARD_PER_LOGIT)
 
     def critic(self, params: SnakeParams) -> None:
         """None: a state is worth its best action value."""

@@ -4,7 +4,7 @@ Round by round the student plays, the teacher says what each mode of the states 
 (DAgger), and the student learns to prefer cheap modes. A mode's regret is what it costs more than the
 best one. The loss is the student's expected regret; for its gradient where the student is sure of a
 bad mode, the cross-entropy with a soft minimum of the regrets; and the error of the action values, as
-the preferences are those of a soft maximum of action values: PPO and DQN can both begin with them.
+the logits are those of a soft maximum of action values: PPO and DQN can both begin with them.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.checks import check_device, check_hidden, check_not_negative, check_positive
+from agents.failures import failure_value
 from agents.labels import REWARD, Decisions
-from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
+from agents.mlp import Track, batches, bfloat16_matmul, build, from_numpy, to_numpy, untracked
 from agents.muon import Descent
-from agents.pace import failure_value
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
-from snake_env.networks.model_file import PREFERENCE
+from snake_env.networks.model_file import REWARD_PER_LOGIT
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3.images import BothImages, MeanOfBoth
@@ -112,7 +112,7 @@ def read_datasets(run: Path) -> list[Dataset]:
     return parts
 
 
-@fast_products()
+@bfloat16_matmul()
 def fit(
     network: Network | None,
     parts: Sequence[Dataset],
@@ -143,7 +143,7 @@ def fit(
     module = (
         build([observation_size(n), *how.hidden, len(mode_table(n))])
         if network is None
-        else from_numpy(network.scaled(PREFERENCE))
+        else from_numpy(network.scaled(REWARD_PER_LOGIT))
     )
     images, mean = BothImages(observation_size(n)), MeanOfBoth()
     seeing = nn.Sequential(images, module, mean).to(how.device)
@@ -166,7 +166,9 @@ def fit(
         "regret": float((preferred * (1.0 - broken)).mean()),
         "infeasible": float(broken.mean()),
     }
-    return to_numpy(linear_layers(module), how.learning_rate).scaled(1.0 / PREFERENCE), figures
+    return to_numpy(linear_layers(module), how.learning_rate).scaled(
+        1.0 / REWARD_PER_LOGIT
+    ), figures
 
 
 def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
@@ -179,10 +181,10 @@ def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:
 def _loss(
     values: torch.Tensor, costs: torch.Tensor, regret: torch.Tensor, how: Fit, least: float
 ) -> torch.Tensor:
-    """Expected regret of the preferences, their cross-entropy, and the error of the values."""
-    log_policy = torch.log_softmax(values / PREFERENCE, dim=1)
+    """Expected regret of the logits, their cross-entropy, and the error of the values."""
+    log_policy = torch.log_softmax(values / REWARD_PER_LOGIT, dim=1)
     out = (regret < 0.0) | (regret >= how.violation)
-    gain = (REWARD.time * regret / PREFERENCE).masked_fill(out, -1e9)
+    gain = (REWARD.time * regret / REWARD_PER_LOGIT).masked_fill(out, -1e9)
     wanted = torch.softmax(gain, dim=1)
     expected = (log_policy.exp() * regret.clamp(min=0.0)).sum(dim=1).mean()
     cross_entropy = -(wanted * log_policy).sum(dim=1).mean()

@@ -14,7 +14,7 @@ from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from agents.mlp import DivergedError, fast_products, load_weights, to_numpy
+from agents.mlp import DivergedError, bfloat16_matmul, load_weights, to_numpy
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -25,7 +25,7 @@ Report = Callable[[int, dict[str, float]], None]
 
 
 class Learner(ABC):
-    """An algorithm that learns a policy's preferences.
+    """An algorithm that learns a policy's logits.
 
     Beside the newest weights it keeps their exponential mean: that is what counts, as single updates
     lose tasks that others keep.
@@ -39,7 +39,7 @@ class Learner(ABC):
 
     Attributes:
         name: What the command is called.
-        action_values: Whether its policy's preferences are action values.
+        action_values: Whether its policy's logits are action values.
         model: The algorithm.
     """
 
@@ -61,22 +61,22 @@ class Learner(ABC):
         model.set_logger(Logger(folder=None, output_formats=[]))
 
     @abstractmethod
-    def begin(self, preferences: Network) -> None:
+    def begin(self, logits: Network) -> None:
         """Begins with what another learner knows."""
 
     @abstractmethod
     def network(self) -> Network:
-        """The preferences learned so far: the mean of the weights."""
+        """The logits learned so far: the mean of the weights."""
 
     @abstractmethod
     def critic(self, params: SnakeParams) -> Model | None:
-        """What it has learned about the worth of states; None: what its preferences say."""
+        """What it has learned about the worth of states; None: what its logits say."""
 
     @abstractmethod
     def _round(self, callback: BaseCallback) -> None:
         """Some decisions and the updates that follow."""
 
-    @fast_products()
+    @bfloat16_matmul()
     def learn(self, until: int, seed: int, callback: BaseCallback, report: Report) -> None:
         """Learns until it has made ``until`` decisions, or some more: whole rounds.
 

@@ -28,7 +28,7 @@ def build(sizes: Sequence[int]) -> nn.Sequential:
 
 
 @contextmanager
-def fast_products() -> Iterator[None]:
+def bfloat16_matmul() -> Iterator[None]:
     """Rounds the factors of matrix products to bfloat16 where the processor is made for it (AMX).
 
     Fits then take some three fifths of the time. Weights, sums and all else keep single precision, and
@@ -114,6 +114,6 @@ def untracked(batches: Iterable[torch.Tensor], total: int) -> Iterable[torch.Ten
     return batches
 
 
-def falling(learning_rate: float) -> Callable[[float], float]:
+def linear_schedule(learning_rate: float) -> Callable[[float], float]:
     """A schedule of SB3's: it falls to a twentieth of ``learning_rate`` by the end."""
     return lambda remaining: learning_rate * (0.05 + 0.95 * remaining)

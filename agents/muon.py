@@ -23,7 +23,7 @@ class Muon(Optimizer):
 
     That is ``torch.optim.Muon(..., adjust_lr_fn="match_rms_adamw")``, but in single precision: bfloat16
     is slow on processors that are not made for it, and on others
-    :func:`agents.mlp.fast_products` does as much.
+    :func:`agents.mlp.bfloat16_matmul` does as much.
 
     Args:
         matrices: What is learned: parameters with two dimensions.

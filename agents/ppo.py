@@ -16,7 +16,7 @@ from agents.checks import (
     check_share,
 )
 from agents.learner import Learner
-from agents.mlp import falling, load_weights, to_numpy
+from agents.mlp import linear_schedule, load_weights, to_numpy
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model
 from snake_env.networks.network import Network
@@ -25,7 +25,7 @@ from snake_env.sb3 import MaskedActorCriticPolicy, SnakeVecEnv
 from snake_env.sb3.model_writer import in_intervals, in_reward, linear_layers
 
 SHARPNESS = 3.0
-"""Multiplies the preferences that the actor begins with. A student's own are those of a soft maximum:
+"""Multiplies the logits that the actor begins with. A student's own are those of a soft maximum:
 drawn from them, too many modes are not the best one, and PPO would first have to learn what the student
 knows already."""
 
@@ -99,7 +99,7 @@ class PPOLearner(Learner):
         model = PPO(
             MaskedActorCriticPolicy,
             env,
-            learning_rate=falling(settings.learning_rate),
+            learning_rate=linear_schedule(settings.learning_rate),
             n_steps=settings.n_steps,
             batch_size=settings.batch_size,
             n_epochs=settings.n_epochs,
@@ -123,16 +123,16 @@ class PPOLearner(Learner):
         self._reward = env.envs.core.options.weights
         self._critic = linear_layers([*policy.mlp_extractor.value_net, policy.value_net])
 
-    def begin(self, preferences: Network) -> None:
-        """Gives the actor a network's preferences, sharper: see :data:`SHARPNESS`."""
-        self._load(preferences.scaled(SHARPNESS))
+    def begin(self, logits: Network) -> None:
+        """Gives the actor a network's logits, sharper: see :data:`SHARPNESS`."""
+        self._load(logits.scaled(SHARPNESS))
 
     def begin_critic(self, value: Network) -> None:
         """Gives the critic a value network's weights, from intervals into reward."""
         load_weights(self._critic, in_reward(value, self._reward))
 
     def network(self) -> Network:
-        """The actor's network: a preference for each mode."""
+        """The actor's network: a logit for each mode."""
         return self._averaged()
 
     def critic(self, params: SnakeParams) -> Model:

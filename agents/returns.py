@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.pace import failure_cost
-from agents.trials import tried_modes
+from agents.failures import failure_cost
+from agents.sampling import sampled_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
@@ -57,7 +57,7 @@ class Returns:
     Attributes:
         part: The shard that they come from.
         observations: Shape (N, observation_size).
-        intervals: Their lambda-returns, at most :func:`agents.pace.failure_cost`, shape (N,).
+        intervals: Their lambda-returns, at most :func:`agents.failures.failure_cost`, shape (N,).
         strict: Episodes that did not explore.
         solved: Those of them that reached the target.
         time: Their intervals, all together.
@@ -123,7 +123,7 @@ def _wander(
         going = explores[task] > depth
         noisy = np.flatnonzero(going)
         now = states.take(noisy)
-        tree = expand(now, params, tried_modes(now, rng, params))
+        tree = expand(now, params, sampled_modes(now, rng, params))
         parent = noisy[tree.parent]
         noise = rng.gumbel(size=len(parent)) * scale[task[parent]]
         rank = value(tree.states) - noise + _creeping(tree, now)
@@ -157,7 +157,7 @@ def _greedy(
     steps: list[tuple[IntArray, IntArray, FloatArray]] = []
     now, playing = states, np.arange(len(states))
     while len(playing) and len(steps) < longest:
-        tree = expand(now, params, tried_modes(now, rng, params))
+        tree = expand(now, params, sampled_modes(now, rng, params))
         worth = value(tree.states)
         seen.append(now)
         chosen = best_of_each(tree.parent, worth + _creeping(tree, now))

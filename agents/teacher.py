@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.failures import failure_cost
 from agents.labels import Decisions, join
-from agents.pace import failure_cost
-from agents.trials import tried_modes
+from agents.sampling import sampled_modes
 from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
@@ -66,7 +66,7 @@ class Visit:
         value: The network that says what ends are worth.
         student: Whose states are visited: a network that prefers modes; None: the teacher's own, with
             noise in its choices.
-        overweight: How many times as often as others those states are kept in which the student's
+        oversampling: How many times as often as others those states are kept in which the student's
             choice is infeasible or, without a student, those near a deadlock.
         params: The constants.
         slip: How much the wheels slip; each episode by its own share of it, from 0 to 2.
@@ -77,7 +77,7 @@ class Visit:
     decisions: int
     value: Network
     student: Network | None
-    overweight: float
+    oversampling: float
     params: SnakeParams
     slip: Slip = NO_SLIP
 
@@ -89,7 +89,7 @@ def collect(shard: Visit) -> tuple[int, Decisions]:
     """
     kept: list[Decisions] = []
     wave, missing = 0, shard.decisions
-    per_kept = 1.0 if shard.student is None else shard.overweight
+    per_kept = 1.0 if shard.student is None else shard.oversampling
     while missing > 0:
         stream = np.random.SeedSequence(shard.seed, spawn_key=(shard.part, wave, 0))
         count = int(per_kept * min(_SIDE_BY_SIDE, max(1.0, missing / 10)))  # few are cut short
@@ -184,13 +184,13 @@ def _labelled(
     states: StateBatch, shard: Visit, rng: np.random.Generator, also: IntArray | None = None
 ) -> Decisions:
     """What the teacher says about some states: about all their modes, or many."""
-    tried = tried_modes(states, rng, shard.params, also)
+    tried = sampled_modes(states, rng, shard.params, also)
     return label(states, network_value(shard.value, shard.params), shard.params, tried)
 
 
 def _drawn(shard: Visit, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Which of some ordinary states are kept."""
-    return rng.random(count) * shard.overweight < 1.0
+    return rng.random(count) * shard.oversampling < 1.0
 
 
 def _valid(states: StateBatch, params: SnakeParams) -> IntArray:

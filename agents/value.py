@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from agents.checks import check_device, check_hidden, check_not_negative, check_positive
-from agents.mlp import Track, batches, build, fast_products, from_numpy, to_numpy, untracked
+from agents.mlp import Track, batches, bfloat16_matmul, build, from_numpy, to_numpy, untracked
 from agents.muon import Descent
 from snake_env.networks.network import Network
 from snake_env.sb3.images import CanonicalImage
@@ -52,7 +52,7 @@ class Fit:
         check_device(self.device)
 
 
-@fast_products()
+@bfloat16_matmul()
 def fit(
     network: Network | None,
     observations: NDArray[np.float32],

@@ -180,7 +180,7 @@ def _check_summary(summary: Any) -> None:
 
 
 def check_same(first: Path, one: Mapping[str, Any], folder: Path, other: Mapping[str, Any]) -> None:
-    """Finds out whether two runs can be compared.
+    """Checks whether two runs can be compared.
 
     Raises:
         InvalidInputError: Their constants or their tasks differ; the message names what.

@@ -19,7 +19,7 @@ class DecisionTimeoutError(BaseException):
 
 
 def check_limit(seconds: float) -> None:
-    """Finds out whether decisions can be limited to a time [s].
+    """Checks whether decisions can be limited to a time [s].
 
     Raises:
         InvalidInputError: It is no duration, or the system has no timers.

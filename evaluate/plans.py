@@ -76,7 +76,7 @@ def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Pl
 def dead_end(state: SnakeState, params: SnakeParams, budget: Budget) -> int | None:
     """The furthest phase that can be reached, if no way leads to the target.
 
-    Every way is followed; states are merged only where they are equal to the bit, so this is a proof.
+    Every way is followed; states are merged only where they are equal bit for bit, so this is a proof.
 
     Returns:
         None where a way reaches the target, or where the budget does not suffice.

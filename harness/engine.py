@@ -68,7 +68,7 @@ class Engine:
     """Worker processes; -1: one per core; 1: no extra process."""
 
     def check(self) -> None:
-        """Finds out whether the options can be used, before there is work to lose.
+        """Checks whether the options can be used, before there is work to lose.
 
         Raises:
             SnakeEnvError: An option's value can't be used, Ray is missing, or can't be reached.
@@ -241,7 +241,7 @@ class _Queue(Generic[Shard]):
             return numbered
 
     def finish(self, number: int) -> None:
-        """Takes note of a result."""
+        """Records a result."""
         with self._lock:
             del self.begun[number]
 

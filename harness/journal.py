@@ -81,7 +81,7 @@ class Journal:
 
 
 def check_finished(path: Path, config: dict[str, Any]) -> None:
-    """Finds out whether finished work is the one that is asked for.
+    """Checks whether finished work is the one that is asked for.
 
     Args:
         path: A file of JSON with the work's config.

@@ -30,7 +30,7 @@ from train.run import Run, RunFolder
 from train.validation import Validation, in_words, quality
 
 _PART = 2048  # decisions that a worker collects at a time
-_ROUNDS = ("rounds", "decisions", "overweight")  # how they are collected
+_ROUNDS = ("rounds", "decisions", "oversampling")  # how they are collected
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Options:
     """Rounds of playing and fitting."""
     decisions: int = 131_072
     """Decisions that are labelled in each round, in parts of 2048."""
-    overweight: float = 16.0
+    oversampling: float = 16.0
     """Oversampling factor of states in which the student's choice is infeasible. The first round, in
     which the teacher plays, keeps all states."""
 
@@ -65,8 +65,8 @@ class Options:
             SnakeEnvError: An option's value can't be used.
         """
         check_positive(self, "rounds", "decisions")
-        if not self.overweight >= 1.0:
-            raise InvalidInputError("overweight", self.overweight, "at least 1")
+        if not self.oversampling >= 1.0:
+            raise InvalidInputError("oversampling", self.oversampling, "at least 1")
         self.fit.check()
         self.ground.check()
         self.validation.check()
@@ -154,7 +154,7 @@ def _visits(
             decisions=_PART,
             value=value,
             student=student,
-            overweight=1.0 if student is None else options.overweight,
+            oversampling=1.0 if student is None else options.oversampling,
             params=params,
             slip=options.ground.slip,
         )

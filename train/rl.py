@@ -2,7 +2,7 @@
 
 A run is a series of segments. At the beginning of each, every source of random numbers is seeded from
 the run's seed and the segment's number, and the robots begin new episodes. At its end the whole state
-is saved. So a run that was killed and resumed equals one that was not, to the bit.
+is saved. So a run that was killed and resumed equals one that was not, bit for bit.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the env and the vector env share: N robots, their episodes, rewards and infos.
 
-The env is the case N = 1, so that both do the same to the bit.
+The env is the case N = 1, so that both do the same bit for bit.
 """
 
 from __future__ import annotations

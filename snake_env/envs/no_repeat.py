@@ -26,14 +26,14 @@ class NoRepeat:
         self._phi: NDArray[np.float64] | None = None
 
     def restart(self, indices: IntArray, states: StateBatch) -> None:
-        """Takes note of where episodes begin at the given positions."""
+        """Records where episodes begin at the given positions."""
         if self._phi is None:
             self._phi = np.zeros((len(self._phase), states.phi.shape[1]))
         self._tried[indices] = False
         self._phase[indices], self._phi[indices] = states.phase, states.phi
 
     def record(self, indices: IntArray, modes: IntArray, after: StateBatch) -> None:
-        """Takes note of the modes that led to the given states."""
+        """Records the modes that led to the given states."""
         assert self._phi is not None, "restart comes first"
         turned = np.abs(after.phi - self._phi[indices]).max(axis=1)
         moved = (

@@ -30,7 +30,7 @@ Info = dict[str, Any]
 
 
 class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArray[Any]]):
-    """``num_envs`` robots, each of which does to the bit what it would do in an env of its own.
+    """``num_envs`` robots, each of which does bit for bit what it would do in an env of its own.
 
     Made by ``gymnasium.make_vec("snake_env:SnakeModeSelection-v0", num_envs=...)``. It behaves as
     ``SyncVectorEnv`` over :class:`snake_env.envs.env.SnakeModeSelectionEnv` does, only faster:

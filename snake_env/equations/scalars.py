@@ -4,7 +4,7 @@ The equations of the paper are written once, as ordinary functions of scalars. G
 compute numbers; given :class:`snake_env.equations.tracing.Traced` values they record the kernel's code.
 Both perform the same IEEE operations in the same order. Programs run what was recorded rewritten by
 :mod:`snake_env.equations.rewriting`: sums take products in, rounded once. So floats agree with the
-kernel to rounding; whatever must agree to the bit runs compiled.
+kernel to rounding; whatever must agree bit for bit runs compiled.
 """
 
 from __future__ import annotations

@@ -33,13 +33,13 @@ LARGEST_FILE = 256 * 2**20
 """Larger files are no models of this package [bytes]."""
 LARGEST_OUTPUT = 1e30
 """Weights that may lead to larger outputs are refused: float32 would overflow."""
-PREFERENCE = 0.03
-"""What a preference of one is worth in reward: preferences times this are action values.
+REWARD_PER_LOGIT = 0.03
+"""What a logit of one is worth in reward: logits times this are action values.
 
-Every policy's file holds preferences, so PPO, whose logits they are, DQN and imitation can each begin
-with what another one has learned."""
+Every policy's file holds logits, so PPO, DQN and imitation can each begin with what another one has
+learned."""
 Kind = Literal["value", "policy"]
-"""What the outputs are: the intervals that a state still needs, or a preference for each mode."""
+"""What the outputs are: the intervals that a state still needs, or a logit for each mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Model:
         critic: A value network for the same robot, which ranks the ends of the modes that the policy
             prefers; a model of the kind ``value``, or None.
         images: Which image of a state its network is asked about.
-        action_values: Whether a policy's preferences are action values, so that it can rank states
+        action_values: Whether a policy's logits are action values, so that it can rank states
             without a critic.
         sha256: Of its file; empty where it has none.
     """
@@ -69,7 +69,7 @@ class Model:
     sha256: str = ""
 
     def check(self, params: SnakeParams, kind: Kind, *, transfer: bool = False) -> None:
-        """Finds out whether the model can be used.
+        """Checks whether the model can be used.
 
         Args:
             params: The constants that it will be used with.

@@ -125,7 +125,7 @@ class CanonicalNetwork:
         return self._network(observations)
 
 
-def asked(
+def with_images(
     network: Network, n_joints: int, images: Images
 ) -> CanonicalNetwork | SymmetricNetwork | Network:
     """A network that takes observations, and is asked about some images of the states."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.networks.model_file import Model
-from snake_env.networks.symmetry import asked
+from snake_env.networks.symmetry import with_images
 from snake_env.params import SnakeParams
 from snake_env.sim.episode import STILL
 from snake_env.sim.lanes import check_running
@@ -43,7 +43,7 @@ class NetworkPolicy:
         self.models = (model,)
         self._params = params
         get_observation_kernel(params.n_joints, params.head_contact)
-        self._network = asked(model.network, params.n_joints, model.images)
+        self._network = with_images(model.network, params.n_joints, model.images)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -53,7 +53,7 @@ class NetworkPolicy:
         self._where: tuple[int, NDArray[np.float64]] | None = None
 
     def select_mode(self, state: SnakeState) -> int:
-        """The mode of highest preference."""
+        """The mode of highest logit."""
         observation, open_ = self._open(state)
         ranks = self._network(observation[None])[0]
         ranks[~open_] = -np.inf
@@ -71,8 +71,8 @@ class NetworkPolicy:
         modes: IntArray = np.flatnonzero(open_)
         if len(modes) <= unless:
             return modes
-        preferences = self._network(observation[None])[0][modes]
-        ranked: IntArray = modes[np.argsort(-preferences, kind="stable")]
+        logits = self._network(observation[None])[0][modes]
+        ranked: IntArray = modes[np.argsort(-logits, kind="stable")]
         return ranked
 
     def _open(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

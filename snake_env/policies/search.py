@@ -114,7 +114,7 @@ class Budget:
     spent: int = 0
 
     def spend(self, rollouts: int) -> None:
-        """Takes note of roll-outs."""
+        """Records roll-outs."""
         self.rollouts -= rollouts
         self.spent += rollouts
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.envs.reward import RewardWeights, potential
-from snake_env.networks.model_file import PREFERENCE, Model, read_model
+from snake_env.networks.model_file import REWARD_PER_LOGIT, Model, read_model
 from snake_env.networks.network import Network
-from snake_env.networks.symmetry import asked
+from snake_env.networks.symmetry import with_images
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import get_observation_kernel, observe
@@ -61,7 +61,7 @@ class NetworkValue:
         self.models = (model,)
         get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
-        self._network = asked(model.network, params.n_joints, model.images)
+        self._network = with_images(model.network, params.n_joints, model.images)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The network's estimates."""
@@ -86,7 +86,7 @@ class ActionValue:
     """What a policy's own action values say: a state is worth its best mode.
 
     Args:
-        model: Of the kind ``policy``; its preferences are action values, as those of ``train dqn`` and
+        model: Of the kind ``policy``; its logits are action values, as those of ``train dqn`` and
             ``train imitate`` are.
         params: The constants.
     """
@@ -94,14 +94,14 @@ class ActionValue:
     def __init__(self, model: Model, params: SnakeParams) -> None:
         get_observation_kernel(params.n_joints, params.head_contact)
         self._params = params
-        self._network = asked(model.network, params.n_joints, model.images)
+        self._network = with_images(model.network, params.n_joints, model.images)
 
     def __call__(self, states: StateBatch) -> FloatArray:
         """The return of the best mode, in intervals."""
-        preferences = self._network(observe(states, self._params)).astype(np.float64)
-        preferences[~action_masks(states, "instant", self._params)] = -np.inf
+        logits = self._network(observe(states, self._params)).astype(np.float64)
+        logits[~action_masks(states, "instant", self._params)] = -np.inf
         weights = RewardWeights()
-        best = PREFERENCE * preferences.max(axis=1)
+        best = REWARD_PER_LOGIT * logits.max(axis=1)
         intervals: FloatArray = (best - weights.success) / weights.time
         intervals[states.phase > self._params.n_joints] = 0.0
         return intervals

@@ -36,7 +36,7 @@ _PARTS = ("observation", "action_mask")
 
 
 def check_space(space: spaces.Space[Any]) -> None:
-    """Finds out whether observations are those of ``SnakeVecEnv(mask_in_observation=True)``.
+    """Checks whether observations are those of ``SnakeVecEnv(mask_in_observation=True)``.
 
     Raises:
         InvalidInputError: They are not, or they are stacked.

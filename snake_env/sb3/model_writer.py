@@ -18,7 +18,7 @@ from snake_env.envs.core import checked_weights
 from snake_env.envs.reward import RewardWeights
 from snake_env.errors import InvalidInputError
 from snake_env.modes import mode_table
-from snake_env.networks.model_file import PREFERENCE, Model, write_model
+from snake_env.networks.model_file import REWARD_PER_LOGIT, Model, write_model
 from snake_env.networks.network import Activation, Network
 from snake_env.networks.symmetry import Images
 from snake_env.params import SnakeParams
@@ -95,7 +95,7 @@ def write_sb3_model(
         network = _network(list(policy.q_net.q_net))
         if ranks:  # in the units of the default reward, as files have them
             network = in_reward(in_intervals(network, weights), RewardWeights())
-        network = network.scaled(1.0 / PREFERENCE)
+        network = network.scaled(1.0 / REWARD_PER_LOGIT)
     wanted = observation_size(robot.n_joints), len(mode_table(robot.n_joints))
     if (network.sizes[0], network.sizes[-1]) != wanted:
         expected = f"from {wanted[0]} observed values to {wanted[1]} modes, as the robot has"

@@ -86,7 +86,7 @@ class Episodes:
         self._note_head_error(indices, states)
 
     def record(self, indices: IntArray, after: StateBatch, prediction: Prediction) -> None:
-        """Takes note of executed intervals (a lane each) and of the states that they led to."""
+        """Records executed intervals (a lane each) and of the states that they led to."""
         before = self._states.phi[indices]
         self._states = self._states.put(indices, after)
         self._intervals[indices] += 1
@@ -155,7 +155,7 @@ class Episode:
         self.outcome = str(self._episodes.outcome[0])
 
     def record(self, after: SnakeState, prediction: Prediction) -> None:
-        """Takes note of an executed interval (one lane) and of the state that it led to."""
+        """Records an executed interval (one lane) and of the state that it led to."""
         self._episodes.record(np.array([0]), StateBatch.stack([after]), prediction)
         self.outcome = str(self._episodes.outcome[0])
 

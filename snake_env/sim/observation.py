@@ -85,7 +85,7 @@ def observe_one(
         params: The constants.
 
     Returns:
-        The observation, shape (observation_size,), and the instant mask, shape (n_modes,): to the bit
+        The observation, shape (observation_size,), and the instant mask, shape (n_modes,): bit for bit
         what :func:`observe` and :func:`snake_env.sim.masks.action_masks` give for it.
 
     Raises:

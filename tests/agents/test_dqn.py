@@ -15,7 +15,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 
 from agents.dqn import AnchoredDQN, DQNLearner, Settings
-from snake_env.networks.model_file import PREFERENCE
+from snake_env.networks.model_file import REWARD_PER_LOGIT
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sb3 import SnakeVecEnv
@@ -182,7 +182,7 @@ def test_network__is_the_running_mean_of_the_action_values_weights(share: float)
     expected = seen[0][1]
     for _, newest in seen[1:]:
         expected = expected + share * (newest - expected)
-    made = PREFERENCE * learner.network().weights[-1]
+    made = REWARD_PER_LOGIT * learner.network().weights[-1]
     np.testing.assert_allclose(made, expected, rtol=1e-5, atol=1e-6)
     assert np.allclose(made, seen[-1][1], rtol=1e-5, atol=1e-6) == (share == 1.0)
 

@@ -11,7 +11,7 @@ from agents.imitate import Fit, dataset, fit
 from agents.labels import Decisions
 from agents.teacher import label
 from snake_env import SnakeParams, load_policy
-from snake_env.networks.model_file import PREFERENCE, Model, read_model, write_model
+from snake_env.networks.model_file import REWARD_PER_LOGIT, Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
 from snake_env.policies.value import PhaseValue, pretrained
@@ -38,19 +38,19 @@ def decisions() -> Decisions:
     return label(states, PhaseValue(PARAMS), PARAMS)
 
 
-def test_lessons__are_costs_of_what_the_mask_allows(decisions: Decisions) -> None:
-    lesson = dataset(decisions, PARAMS)
-    for k in range(len(lesson.cost)):
-        cost = lesson.cost[k].astype(np.float64)
+def test_decisions__are_costs_of_what_the_mask_allows(decisions: Decisions) -> None:
+    data = dataset(decisions, PARAMS)
+    for k in range(len(data.cost)):
+        cost = data.cost[k].astype(np.float64)
         mask, feasible = decisions.mask[k], decisions.feasible[k]
         assert (cost[~mask] == -1.0).all()
         assert np.isinf(cost[mask & ~feasible]).all()
         wanted = decisions.cost_to_go[k][mask & feasible]
         np.testing.assert_allclose(cost[mask & feasible], wanted, atol=0.01)
-    np.testing.assert_array_equal(lesson.observations, observe(decisions.states, PARAMS))
+    np.testing.assert_array_equal(data.observations, observe(decisions.states, PARAMS))
 
 
-def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
+def test_decisions__leave_out_deadlocks(decisions: Decisions) -> None:
     stuck = Decisions(
         decisions.states,
         decisions.mask,
@@ -61,33 +61,33 @@ def test_lessons__leave_out_deadlocks(decisions: Decisions) -> None:
 
 
 def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> None:
-    lesson = dataset(decisions, PARAMS)
+    data = dataset(decisions, PARAMS)
     how = Fit(hidden=(64,), epochs=1, batch_size=24)
-    first, before = fit(None, [lesson], how, PARAMS, seed=0, last=False)
+    first, before = fit(None, [data], how, PARAMS, seed=0, last=False)
     network: Network = first
     how = dataclasses.replace(how, epochs=1500, learning_rate=3e-3)
-    network, after = fit(network, [lesson], how, PARAMS, seed=1, last=False)
+    network, after = fit(network, [data], how, PARAMS, seed=1, last=False)
     assert after["regret"] + after["infeasible"] < 0.3 * (before["regret"] + before["infeasible"])
 
 
 def test_fit__is_decided_by_the_seed(decisions: Decisions) -> None:
-    lesson = dataset(decisions, PARAMS)
+    data = dataset(decisions, PARAMS)
     how = Fit(hidden=(8,), last_epochs=2, batch_size=8)
     one, other, third = (
-        fit(None, [lesson], how, PARAMS, seed=seed, last=True)[0] for seed in (0, 0, 1)
+        fit(None, [data], how, PARAMS, seed=seed, last=True)[0] for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(one.weights[0], other.weights[0])
     assert not np.array_equal(one.weights[0], third.weights[0])
 
 
 def test_fit__learns_the_return_of_every_mode(decisions: Decisions) -> None:
-    lesson = dataset(decisions, PARAMS)
+    data = dataset(decisions, PARAMS)
     how = Fit(hidden=(128,), epochs=300, batch_size=24, learning_rate=3e-3, values=100.0)
-    network, _ = fit(None, [lesson], how, PARAMS, seed=0, last=False)
-    estimates = PREFERENCE * SymmetricNetwork(network, 8)(lesson.observations)
-    good = lesson.cost.min(axis=1, where=lesson.cost >= 0.0, initial=np.inf)[:, None] + 1.0
-    near = (lesson.cost >= 0.0) & (lesson.cost <= good)
-    wanted = 1.0 - 0.1 * lesson.cost[near].astype(np.float64)
+    network, _ = fit(None, [data], how, PARAMS, seed=0, last=False)
+    estimates = REWARD_PER_LOGIT * SymmetricNetwork(network, 8)(data.observations)
+    good = data.cost.min(axis=1, where=data.cost >= 0.0, initial=np.inf)[:, None] + 1.0
+    near = (data.cost >= 0.0) & (data.cost <= good)
+    wanted = 1.0 - 0.1 * data.cost[near].astype(np.float64)
     assert np.abs(estimates[near] - wanted).mean() < 0.05
 
 

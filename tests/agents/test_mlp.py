@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import torch
 
-from agents.mlp import fast_products
+from agents.mlp import bfloat16_matmul
 from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError
 from snake_env.sim.observation import observation_size
 
 
-@fast_products()
+@bfloat16_matmul()
 def _interrupted() -> None:
     assert torch.get_float32_matmul_precision() == "medium"
     raise InvalidInputError("precision", "medium", "an error in the middle of a fit")
 
 
 @pytest.mark.parametrize("before", ["highest", "high"])
-def test_fast_products__leaves_the_precision_as_it_was(before: str) -> None:
+def test_bfloat16_matmul__leaves_the_precision_as_it_was(before: str) -> None:
     torch.set_float32_matmul_precision(before)
     try:
         with pytest.raises(InvalidInputError):
@@ -29,7 +29,7 @@ def test_fast_products__leaves_the_precision_as_it_was(before: str) -> None:
         torch.set_float32_matmul_precision("highest")
 
 
-def test_fits__have_fast_products_every_time() -> None:
+def test_fits__use_bfloat16_matmul_every_time() -> None:
     seen = []
 
     def track(batches: Iterable[torch.Tensor], total: int) -> Iterable[torch.Tensor]:

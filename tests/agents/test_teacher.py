@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from agents.failures import failure_cost
 from agents.labels import STATE_FIELDS, Decisions
-from agents.pace import failure_cost
 from agents.teacher import FEW, Visit, collect, label
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
@@ -22,9 +22,9 @@ from tests.support.robots import DEADLOCK, FIVE, NARROW, PAPER, random_state, sa
 
 def _student(n_joints: int, highest: bool) -> Network:
     """Always prefers the lowest mode, or the highest."""
-    preferences = np.arange(len(mode_table(n_joints)), dtype=np.float32)
-    shape = observation_size(n_joints), len(preferences)
-    return Network([np.zeros(shape, np.float32)], [preferences if highest else -preferences])
+    logits = np.arange(len(mode_table(n_joints)), dtype=np.float32)
+    shape = observation_size(n_joints), len(logits)
+    return Network([np.zeros(shape, np.float32)], [logits if highest else -logits])
 
 
 def _value(n_joints: int) -> Network:
@@ -35,7 +35,7 @@ def _value(n_joints: int) -> Network:
 def _visit(params: SnakeParams = FIVE, **changes: object) -> Visit:
     options = {
         "seed": 0, "part": 0, "decisions": 150, "value": _value(params.n_joints),
-        "student": None, "overweight": 1.0, "params": params,
+        "student": None, "oversampling": 1.0, "params": params,
     }  # fmt: skip
     return Visit(**(options | changes))  # type: ignore[arg-type]
 
@@ -57,7 +57,7 @@ def _same(one: Decisions, other: Decisions) -> bool:
 
 
 @pytest.mark.parametrize("params", [PAPER, FIVE, NARROW])
-def test_judge__knows_what_is_feasible(params: SnakeParams) -> None:
+def test_costs__say_what_is_feasible(params: SnakeParams) -> None:
     n = params.n_joints
     states = [random_state(seed, params, max(1, n - seed)) for seed in range(n - 1)]
     decisions = label(StateBatch.stack(states), PhaseValue(params), params)
@@ -84,7 +84,7 @@ def _after(state: SnakeState, params: SnakeParams) -> dict[int, SnakeState]:
     return {int(mode): advance(state, int(mode), params)[0] for mode in feasible}
 
 
-def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
+def test_cost__is_one_interval_and_the_value_of_its_end() -> None:
     """Against one state at a time; nothing costs more than a failure, nor less than the interval."""
     value = network_value(_value(8), PAPER)
     checked, bounds = 0, set()
@@ -106,7 +106,7 @@ def test_judge__is_one_interval_and_the_value_of_its_end() -> None:
     assert bounds == {True, False}
 
 
-def test_judge__of_a_deadlock_finds_nothing() -> None:
+def test_costs__of_a_deadlock_are_infinite() -> None:
     decisions = label(StateBatch.stack([DEADLOCK] * 2), PhaseValue(NARROW), NARROW)
     assert not decisions.feasible.any()
     assert np.isinf(decisions.cost_to_go).all()
@@ -123,7 +123,7 @@ def test_collect__gives_just_as_many_decisions_as_asked() -> None:
         assert found.states.phase.max() <= 5
 
 
-def test_collect__says_what_judge_says() -> None:
+def test_collect__has_the_costs_of_its_states() -> None:
     eleven = Network(
         [np.zeros((observation_size(5), 1), np.float32)], [np.full(1, 11.0, np.float32)]
     )
@@ -213,30 +213,30 @@ def _near_deadlock(decisions: Decisions) -> float:
     return float(near.mean())
 
 
-def test_overweight__keeps_more_states_near_a_deadlock() -> None:
+def test_oversampling__keeps_more_states_near_a_deadlock() -> None:
     model = pretrained(NARROW, "value")  # it comes far enough
     assert model is not None
     value = model.network
     plain, often = (
         _near_deadlock(
-            _collected(NARROW, seed=2, decisions=1500, value=value, overweight=overweight)
+            _collected(NARROW, seed=2, decisions=1500, value=value, oversampling=oversampling)
         )
-        for overweight in (1.0, 4.0)
+        for oversampling in (1.0, 4.0)
     )
     assert 0.01 < plain < 0.3
     odds = plain / (1.0 - plain), often / (1.0 - often)
     assert 2.5 < odds[1] / odds[0] < 6.0
 
 
-def test_overweight__keeps_more_states_in_which_the_student_errs() -> None:
+def test_oversampling__keeps_more_states_in_which_the_student_errs() -> None:
     student = _student(8, highest=True)
 
     def wrong(decisions: Decisions) -> float:
-        favourite = np.where(decisions.mask, student.biases[0], -np.inf).argmax(axis=1)
-        return float(np.mean(~decisions.feasible[np.arange(len(favourite)), favourite]))
+        preferred = np.where(decisions.mask, student.biases[0], -np.inf).argmax(axis=1)
+        return float(np.mean(~decisions.feasible[np.arange(len(preferred)), preferred]))
 
     plain, often = (
-        wrong(_collected(PAPER, decisions=1200, student=student, overweight=weight))
+        wrong(_collected(PAPER, decisions=1200, student=student, oversampling=weight))
         for weight in (1.0, 4.0)
     )
     assert 0.01 < plain < 0.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.pace import failure_cost
+from agents.failures import failure_cost
 from agents.returns import Play, Returns, play
 from agents.value import Fit, fit
 from snake_env.errors import InvalidInputError, UnknownNameError

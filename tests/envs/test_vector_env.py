@@ -15,7 +15,7 @@ ID = "snake_env:SnakeModeSelection-v0"
 
 
 def assert_same(ours: Any, theirs: Any, path: str = "") -> None:
-    """Equal to the bit; where SyncVectorEnv has None for a missing text, ours is empty."""
+    """Equal bit for bit; where SyncVectorEnv has None for a missing text, ours is empty."""
     if isinstance(theirs, dict):
         assert set(ours) == set(theirs), path
         for key in theirs:

@@ -34,7 +34,7 @@ from snake_env.sim.episode import OUTCOMES
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
 from tests.support import HANGS_S, ROOT
-from tests.support.commands import Command, names, python, tree
+from tests.support.commands import Command, names, python, tree, wait_until
 from tests.support.evaluations import episodes
 from tests.support.robots import PAPER
 
@@ -351,11 +351,7 @@ def _started(out: Path, workers: int) -> subprocess.Popen[str]:
     """The long run, once some of its shards are on disk."""
     process = EVALUATE.start(*LONG, out, "--workers", workers, HALT="1")
     partial = out / "episodes.partial.jsonl"
-    deadline = time.monotonic() + HANGS_S
-    while not partial.exists() or partial.read_bytes().count(b"\n") < 41:
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    wait_until(lambda: partial.exists() and partial.read_bytes().count(b"\n") >= 41, process)
     return process
 
 

@@ -24,7 +24,7 @@ from evaluate.__main__ import main
 from harness.engine import Engine, WorkerLostError
 from snake_env.errors import InvalidInputError, UnknownNameError
 from tests.support import HANGS_S
-from tests.support.commands import Command, names
+from tests.support.commands import Command, names, wait_until
 
 EVALUATE = Command(main)
 SHARDS = list(range(30))
@@ -243,11 +243,7 @@ def cluster() -> Iterator[dict[str, str]]:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         try:
-            deadline = time.monotonic() + 60
-            while not list(Path(folder).glob("ray_current_cluster")):
-                assert head.poll() is None
-                assert time.monotonic() < deadline
-                time.sleep(0.1)
+            wait_until((Path(folder) / "ray_current_cluster").exists, head)
             yield variables
         finally:
             processes = [head, *psutil.Process(head.pid).children(recursive=True)]
@@ -290,11 +286,7 @@ def test_cluster__gives_the_same_bytes_though_a_worker_is_killed(
     arguments = (*TASKS, "--out", out, "--engine", "ray", "--address", "auto")
     process = EVALUATE.start(*arguments, **cluster)
     partial = out / "episodes.partial.jsonl"
-    deadline = time.monotonic() + 60
-    while not partial.exists() or partial.read_bytes().count(b"\n") < 30:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    wait_until(lambda: partial.exists() and partial.read_bytes().count(b"\n") >= 30, process)
     workers = _workers_of_a_cluster(cluster["RAY_AUTH_TOKEN"])
     assert len(workers) == 2
     workers[0].kill()

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from evaluate.__main__ import main as evaluate
 from harness.folder import Layout, held
 from snake_env.errors import InvalidInputError
 from tests.support import ROOT
-from tests.support.commands import Command, names
+from tests.support.commands import Command, names, wait_until
 from train.__main__ import main as train
 
 LAYOUT = Layout(begun="work.jsonl", done="done.json", own=("*.png", "board"))
@@ -143,11 +142,7 @@ def test_second_process__is_refused(tmp_path: Path, command: str) -> None:
     out, package = tmp_path / "out", Command(evaluate if command in MARKS else train)
     words = [*COMMANDS[command].split(), "--out", out]
     first = package.start(*words)
-    deadline = time.monotonic() + 120
-    while not (out / MARKS.get(command, "run.json")).exists():
-        assert first.poll() is None, first.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until((out / MARKS.get(command, "run.json")).exists, first)
     try:
         for option in ("--overwrite", "--resume"):
             second = package.process(*words, option, code=2)

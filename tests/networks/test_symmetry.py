@@ -71,7 +71,7 @@ def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negat
     sizes = [observation_size(n_joints), 7, 4]
     network = random_network(sizes, 0, 0.2)
     order, sign = mirror(n_joints)
-    asked = CanonicalNetwork(network, n_joints)
+    image = CanonicalNetwork(network, n_joints)
     last = [name for name, size in observation_rows(n_joints) for _ in range(size)]
     last_target = len(last) - 1 - last[::-1].index("target")
     assert canonical_sign_index(sizes[0]) == last_target
@@ -82,9 +82,9 @@ def test_canonical_network__answers_for_the_image_whose_last_target_is_not_negat
     assert 2 <= left.sum() <= 6
     wanted = network(np.where(left[:, None], x, images))
     assert not np.allclose(wanted, network(x), atol=1e-2)
-    np.testing.assert_allclose(asked(x), wanted, atol=1e-5)
+    np.testing.assert_allclose(image(x), wanted, atol=1e-5)
     for same_side in (x[left][1:], x[~left]):  # as in one episode; at 0 it is both images
-        np.testing.assert_allclose(asked(same_side), asked(same_side[:, order] * sign), atol=1e-5)
-    np.testing.assert_allclose(asked(x[left]), wanted[left], atol=1e-5)
-    np.testing.assert_allclose(asked(x[~left]), wanted[~left], atol=1e-5)
-    assert asked(x[:0]).shape == (0, 4)
+        np.testing.assert_allclose(image(same_side), image(same_side[:, order] * sign), atol=1e-5)
+    np.testing.assert_allclose(image(x[left]), wanted[left], atol=1e-5)
+    np.testing.assert_allclose(image(x[~left]), wanted[~left], atol=1e-5)
+    assert image(x[:0]).shape == (0, 4)

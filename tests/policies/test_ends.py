@@ -1,4 +1,4 @@
-"""Ends: what an agent would see there, to the bit what the states that modes lead to look like."""
+"""Ends: what an agent would see there, bit for bit what the states that modes lead to look like."""
 
 import dataclasses
 

@@ -45,11 +45,11 @@ def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
 def test_choice__is_the_preferred_stable_mode(task: int, images: Images) -> None:
     state = SUITE.initial(task, PARAMS)
     model = dataclasses.replace(model_of(task), images=images)
-    preferences, mask = wanted(model, state)
+    logits, mask = wanted(model, state)
     policy = NetworkPolicy(PARAMS, model)
     mode = policy.select_mode(state)
     assert mask[mode]
-    assert preferences[mode] == pytest.approx(preferences[mask].max(), rel=1e-4)
+    assert logits[mode] == pytest.approx(logits[mask].max(), rel=1e-4)
     assert policy.rollouts == 0
 
 
@@ -57,9 +57,9 @@ def test_choice__is_the_preferred_stable_mode(task: int, images: Images) -> None
 def test_ranking__holds_every_open_mode_once_the_best_first(images: Images) -> None:
     state, model = SUITE.initial(0, PARAMS), dataclasses.replace(model_of(), images=images)
     ranking = NetworkPolicy(PARAMS, model).ranking(state)
-    preferences, mask = wanted(model, state)
+    logits, mask = wanted(model, state)
     np.testing.assert_array_equal(np.sort(ranking), np.flatnonzero(mask))
-    assert (np.diff(preferences[ranking]) <= 1e-4).all()
+    assert (np.diff(logits[ranking]) <= 1e-4).all()
 
 
 def test_ranking__comes_in_order_where_all_are_simulated_anyway() -> None:
@@ -98,8 +98,8 @@ def test_standing_still__no_choice_is_repeated_until_all_have_been_tried() -> No
 @pytest.mark.parametrize("other", [3, 10, 98])
 def test_standing_still__what_was_executed_counts_not_what_was_chosen(other: int) -> None:
     state = straight_state()
-    favourites = [1, 2, other, 5]
-    policy = NetworkPolicy(PARAMS, preferring(favourites))
+    preferred = [1, 2, other, 5]
+    policy = NetworkPolicy(PARAMS, preferring(preferred))
     chosen = []
     for executed in (other, 2, 2):
         chosen.append(policy.select_mode(state))

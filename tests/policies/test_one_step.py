@@ -1,4 +1,4 @@
-"""One-step policies: +critic among a policy's favourites, and the value of every feasible mode."""
+"""One-step policies: +critic among a policy's preferred modes, and the value of every feasible mode."""
 
 import dataclasses
 from collections.abc import Callable
@@ -90,7 +90,7 @@ def test_critic__takes_what_a_transcription_takes(robot: str, k: int, lanes: lis
         told = plus_critic(state, ranked, value, params, k)
         assert _decided(policy, state, lanes) == (told.mode, told.simulated)
         rules.add(told.rule)
-    assert {"favourites", "last resort", "no choice"} <= rules
+    assert {"preferred modes", "last resort", "no choice"} <= rules
 
 
 def _at_a_limit(seed: int, params: SnakeParams) -> SnakeState:
@@ -107,11 +107,11 @@ def _misled(state: SnakeState, params: SnakeParams) -> Model:
     found = predict(state, valid, params)
     executable = found.feasible & (found.d_min >= params.d_touch)
     turn = np.abs(found.phi - state.phi).max(axis=1)
-    preferences = np.zeros(len(mode_table(params.n_joints)), np.float32)
-    preferences[valid] = np.select([executable & (turn < 0.05), ~executable], [20.0, 10.0])
-    preferences -= 0.01 * np.arange(len(preferences), dtype=np.float32)
-    shape = observation_size(params.n_joints), len(preferences)
-    return Model("policy", params, Network([np.zeros(shape, np.float32)], [preferences]))
+    logits = np.zeros(len(mode_table(params.n_joints)), np.float32)
+    logits[valid] = np.select([executable & (turn < 0.05), ~executable], [20.0, 10.0])
+    logits -= 0.01 * np.arange(len(logits), dtype=np.float32)
+    shape = observation_size(params.n_joints), len(logits)
+    return Model("policy", params, Network([np.zeros(shape, np.float32)], [logits]))
 
 
 @pytest.mark.parametrize("ranker", ["network", "phases"])
@@ -134,7 +134,8 @@ def test_critic__looks_further_where_the_favourites_lead_nowhere(
             assert _decided(policy, state, lanes) == (told.mode, told.simulated)
             rules.add(told.rule)
     assert rules | {"last resort"} == {
-        *("favourites", "next favourites", "others", "leads nowhere", "last resort", "no choice")
+        *("preferred modes", "next preferred modes", "others"),
+        *("leads nowhere", "last resort", "no choice"),
     }
 
 
@@ -156,7 +157,7 @@ def test_critic__where_nothing_leads_anywhere_takes_from_the_first_that_can_be_e
         lowest = {int(mode): -float(place) for place, mode in enumerate(ranked)}
 
         def worst_first(states: StateBatch, worth: dict[int, float] = lowest) -> np.ndarray:
-            """The later a favourite comes, the better is its end."""
+            """The later a preferred mode comes, the better is its end."""
             return np.array([worth[int(mode)] for mode in states.last_mode])
 
         for k in (1, 2):

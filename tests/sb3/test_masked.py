@@ -20,7 +20,7 @@ from agents.mlp import build, to_numpy
 from agents.ppo import SHARPNESS, PPOLearner
 from snake_env import load_policy
 from snake_env.errors import InvalidInputError
-from snake_env.networks.model_file import PREFERENCE, Model, write_model
+from snake_env.networks.model_file import REWARD_PER_LOGIT, Model, write_model
 from snake_env.networks.symmetry import CanonicalNetwork, SymmetricNetwork, joints_observed, mirror
 from snake_env.params import SnakeParams
 from snake_env.policies.value import NetworkValue
@@ -111,8 +111,8 @@ def test_ppo__policy_is_the_softmax_over_open_modes(env: _Checked, ppo_learner: 
     observation, learner = env.reset(), ppo_learner.model
     with torch.no_grad():
         got = learner.policy.get_distribution(_tensors(observation)).distribution.probs.numpy()
-    asked = SymmetricNetwork(ppo_learner.network(), 8)
-    logits = asked(observation["observation"]).astype(np.float64)
+    network = SymmetricNetwork(ppo_learner.network(), 8)
+    logits = network(observation["observation"]).astype(np.float64)
     wanted = np.exp(logits) * observation["action_mask"]
     wanted /= wanted.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(got, wanted, atol=1e-6)
@@ -177,7 +177,7 @@ def either(request: pytest.FixtureRequest, ppo_learner: PPOLearner, dqn_learner:
     return {"ppo": ppo_learner, "dqn": dqn_learner}[request.param]
 
 
-def test_begin__gives_the_policy_the_preferences(either: Learner, env: _Checked) -> None:
+def test_begin__gives_the_policy_the_logits(either: Learner, env: _Checked) -> None:
     given = random_network(SIZES, 0)
     either.begin(given)
     observation = env.reset()
@@ -190,12 +190,15 @@ def test_begin__gives_the_policy_the_preferences(either: Learner, env: _Checked)
         inputs = torch.as_tensor(observation["observation"])
         for q_net in (either.model.q_net, either.model.q_net_target, either.model.anchor):
             np.testing.assert_allclose(
-                q_net.q_net(inputs).detach().numpy(), PREFERENCE * wanted, rtol=1e-5, atol=1e-5
+                q_net.q_net(inputs).detach().numpy(),
+                REWARD_PER_LOGIT * wanted,
+                rtol=1e-5,
+                atol=1e-5,
             )
-    asked = SymmetricNetwork(given, 8)(observation["observation"])
-    preferences = np.where(observation["action_mask"] > 0, asked, -np.inf)
+    outputs = SymmetricNetwork(given, 8)(observation["observation"])
+    logits = np.where(observation["action_mask"] > 0, outputs, -np.inf)
     chosen, _ = either.model.predict(observation, deterministic=True)
-    np.testing.assert_array_equal(chosen, preferences.argmax(axis=1))
+    np.testing.assert_array_equal(chosen, logits.argmax(axis=1))
 
 
 @pytest.mark.parametrize("share", [1.0, 0.25])
@@ -265,7 +268,7 @@ def test_restored__ppo_goes_on_as_if_nothing_had_happened(ema_rate: float) -> No
     assert through.model.num_timesteps == second.model.num_timesteps == 192
 
 
-def test_critic_warmup__leaves_the_preferences_alone(env: _Checked) -> None:
+def test_critic_warmup__leaves_the_logits_alone(env: _Checked) -> None:
     settings = dataclasses.replace(PPO_SETTINGS, critic_warmup=64)
     learner = PPOLearner(settings, env, seed=1, device="cpu")
     policy = learner.model.policy

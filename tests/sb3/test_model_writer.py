@@ -14,7 +14,7 @@ from torch import nn
 
 from snake_env import SnakeParams, action_mask, load_policy, observe
 from snake_env.errors import InvalidInputError, SnakeEnvError
-from snake_env.networks.model_file import PREFERENCE, read_model
+from snake_env.networks.model_file import REWARD_PER_LOGIT, read_model
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CriticPolicy
 from snake_env.policies.value import ActionValue, NetworkValue
@@ -203,7 +203,7 @@ def test_action_values__are_in_the_files_unit(tmp_path: Path) -> None:
     read = read_model(write_sb3_model(model, tmp_path / "a.safetensors", SIX))
     raw = model.q_net.q_net(torch.as_tensor(observe(STATES[0], SIX)[None]))[0].detach().numpy()
     np.testing.assert_allclose(
-        PREFERENCE * read.network(observe(STATES[0], SIX)), raw, rtol=1e-3, atol=1e-5
+        REWARD_PER_LOGIT * read.network(observe(STATES[0], SIX)), raw, rtol=1e-3, atol=1e-5
     )
 
 

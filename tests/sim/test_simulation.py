@@ -1,4 +1,4 @@
-"""One interval: every lane on its own, to the bit; trajectories, phases, violations, symmetries."""
+"""One interval: every lane on its own, bit for bit; trajectories, phases, violations, symmetries."""
 
 import dataclasses
 import math

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,15 @@ def start_python(*words: object, **variables: str) -> subprocess.Popen[str]:
         cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, start_new_session=True, env={**os.environ, **variables},
     )  # fmt: skip
+
+
+def wait_until(happened: Callable[[], object], process: subprocess.Popen[Any]) -> None:
+    """Waits for what a process does while it runs."""
+    deadline = time.monotonic() + HANGS_S
+    while not happened():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
 
 
 def python(*words: object, code: int = 0, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -1,4 +1,4 @@
-"""Runs a trace on plain numbers, one lane at a time: what the compiled code must give to the bit."""
+"""Runs a trace on plain numbers, one lane at a time: what the compiled code must give bit for bit."""
 
 import math
 import operator

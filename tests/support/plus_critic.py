@@ -22,7 +22,7 @@ class Told(NamedTuple):
 def plus_critic(
     state: SnakeState, ranked: np.ndarray, value: ValueFunction, params: SnakeParams, k: int
 ) -> Told:
-    """Simulates one mode at a time: the favourites, the next ones, the others; (21) in the end.
+    """Simulates one mode at a time: the preferred modes, the next ones, the others; (21) in the end.
 
     Nothing where the phase allows one mode only.
 
@@ -38,8 +38,8 @@ def plus_critic(
         return Told(possible[0], 0, "no choice")
     simulated, standing = 0, []
     portions = {
-        "favourites": ranked[:k],
-        "next favourites": ranked[k : 2 * k],
+        "preferred modes": ranked[:k],
+        "next preferred modes": ranked[k : 2 * k],
         "others": ranked[2 * k :],
     }
     for rule, portion in portions.items():

@@ -91,7 +91,7 @@ DEADLOCK = random_state(1, NARROW, 7)
 
 
 def same_state(one: SnakeState, other: SnakeState) -> bool:
-    """Whether two states are equal to the bit, field by field."""
+    """Whether two states are equal bit for bit, field by field."""
     return all(
         np.array_equal(getattr(one, field.name), getattr(other, field.name))
         for field in dataclasses.fields(SnakeState)

@@ -55,6 +55,7 @@ MOMENTS = [
     (GIF, "PIL"),
     (("snake_env", "check"), "snake_env.state"),
 ]
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def _run(words: tuple[str, ...], moment: str, number: int, tmp: Path) -> tuple[int, str, str]:
@@ -73,8 +74,15 @@ def _run(words: tuple[str, ...], moment: str, number: int, tmp: Path) -> tuple[i
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize(("words", "moment"), MOMENTS)
+@pytest.mark.parametrize(
+    ("words", "moment", "number"),
+    [(*MOMENTS[k], SIGNALS[k % 2]) for k in range(len(MOMENTS))]
+    + [
+        (EVALUATE, "rich", signal.SIGTERM),
+        (TRAIN, "torch", signal.SIGINT),
+        (GIF, "PIL", signal.SIGINT),
+    ],
+)
 def test_interrupt__during_imports_and_set_up(
     words: tuple[str, ...], moment: str, number: int, tmp_path: Path
 ) -> None:
@@ -96,13 +104,13 @@ def test_interrupt__when_all_is_done_changes_nothing(
 
 
 def test_guarded__runs_what_is_wanted_and_restores_the_handlers() -> None:
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    for number in (signal.SIGINT, signal.SIGTERM):
+    before = [signal.getsignal(number) for number in SIGNALS]
+    for number in SIGNALS:
         assert interrupts.guarded(lambda n=number: _after_signal(n), lambda: 130) == 130
     assert interrupts.guarded(lambda: 7, lambda: 130) == 7
     with pytest.raises(ZeroDivisionError):
         interrupts.guarded(lambda: 1 // 0, lambda: 130)
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    assert [signal.getsignal(number) for number in SIGNALS] == before
 
 
 def _after_signal(number: int) -> int:

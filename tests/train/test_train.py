@@ -63,7 +63,7 @@ def test_help__of_a_command_names_its_options(
 BAD = {
     "vlaue": r"^unknown command 'vlaue': did you mean 'value'\? known: .*value",
     "--seed 3": r"^unknown command '--seed'",
-    "imitate --value {value} --overweight 0.5": r"^overweight = 0\.5: expected at least 1$",
+    "imitate --value {value} --oversampling 0.5": r"^oversampling = 0\.5: expected at least 1$",
     "imitate --value {tmp}/none.safetensors": r"^model = .*none\.safetensors'.*No such file",
     "imitate --value {value} --rounds 0": r"^rounds = 0: expected a positive number$",
     "value --config {tmp}/none.yaml": r"^config = .*none\.yaml",

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from agents.failures import failure_cost, failure_value
 from agents.imitate import action_values
-from agents.pace import failure_cost, failure_value
 from snake_env.envs.reward import RewardWeights
 from snake_env.params import SnakeParams
 from snake_env.sim.tasks import load_tasks

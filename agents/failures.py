@@ -1,4 +1,4 @@
-"""How long the episodes of a robot are: the scale of what is learned about it."""
+"""What a failure costs: the scale of what is learned about a robot is the length of its episodes."""
 
 from __future__ import annotations
 

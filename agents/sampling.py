@@ -13,7 +13,7 @@ MOST = 64
 """Of a state: with ten joints up to 466 modes are valid, and to try them all costs most of the time."""
 
 
-def tried_modes(
+def sampled_modes(
     states: StateBatch,
     rng: np.random.Generator,
     params: SnakeParams,
