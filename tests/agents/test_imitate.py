@@ -25,7 +25,7 @@ from train.__main__ import main
 TRAIN = Command(main)
 PARAMS = SnakeParams()
 SMALL = (
-    "--rounds 2 --decisions 8192 --hidden 64 64 --epochs 10 --last-epochs 10 --batch-size 256 "
+    "--rounds 2 --decisions 4096 --hidden 64 64 --epochs 8 --last-epochs 8 --batch-size 256 "
     "--learning-rate 0.003 "
     "--validation-tasks 12 --workers 1 --seed 5"
 )
@@ -65,7 +65,7 @@ def test_fit__lowers_the_regret_of_the_preferred_mode(decisions: Decisions) -> N
     how = Fit(hidden=(64,), epochs=1, batch_size=24)
     first, before = fit(None, [data], how, PARAMS, seed=0, last=False)
     network: Network = first
-    how = dataclasses.replace(how, epochs=1500, learning_rate=3e-3)
+    how = dataclasses.replace(how, epochs=400, learning_rate=3e-3)
     network, after = fit(network, [data], how, PARAMS, seed=1, last=False)
     assert after["regret"] + after["infeasible"] < 0.3 * (before["regret"] + before["infeasible"])
 

@@ -97,7 +97,7 @@ def test_play__trusts_the_value_for_what_lies_ahead() -> None:
 def test_fit__learns_its_returns_from_where_it_begins() -> None:
     returns = play(SHARD)
     data = (returns.observations, returns.intervals)
-    how = Fit(hidden=(32,), epochs=300, batch_size=64, weight_decay=0.0)
+    how = Fit(hidden=(32,), epochs=80, batch_size=64, weight_decay=0.0)
     network, error = fit(None, *data, how, 1e-2, 5, seed=0)
     _, further = fit(network, *data, dataclasses.replace(how, epochs=1), 1e-6, 5, seed=1)
     assert error < 0.5 * np.abs(returns.intervals - np.median(returns.intervals)).mean()

@@ -24,7 +24,7 @@ def test_vector__compares_and_draws(
 ) -> None:
     monkeypatch.setattr(vector, "_SECONDS", 0.01)
     monkeypatch.setattr(vector, "_TURNS", 1)
-    monkeypatch.setattr(vector, "_COUNTS", (1, 2))
+    monkeypatch.setattr(vector, "_COUNTS", (2,))
     assert vector.main(["--soak", "1", "--plot", str(tmp_path / "speed.png")]) == 0
     told = capsys.readouterr().out
     assert "SyncVectorEnv" in told

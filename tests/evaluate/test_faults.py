@@ -212,7 +212,7 @@ def test_texts_of_a_policy__never_reach_the_terminal(
         assert "[red]no[/blue]" in printed
 
 
-NAMES = ["res[/red]", "res[new]", "a b", "$x^$", "é", "[bold]", "{x}"]
+NAMES = ["res[/red]", "res[new]", "$x^$ {x} é"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -259,9 +259,7 @@ def test_long_and_like_names__have_pictures_of_their_own(
     assert max(map(len, drawn)) < 100
 
 
-BACKENDS = [
-    *("module://matplotlib_inline.backend_inline", "nonsense", "tkagg", "module://no.such", "")
-]
+BACKENDS = ["module://matplotlib_inline.backend_inline", "nonsense", "tkagg"]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -270,8 +268,8 @@ def test_backend__does_not_matter(tmp_path: Path, backend: str) -> None:
     assert "fig4-random.png" in names(tmp_path)
 
 
-@pytest.mark.parametrize("backend", BACKENDS[:2])
-def test_backend__does_not_matter_to_train(tmp_path: Path, backend: str) -> None:
+def test_backend__does_not_matter_to_train(tmp_path: Path) -> None:
+    backend = BACKENDS[0]
     TRAIN.process("ppo", "--help", MPLBACKEND=backend)
     words = "--timesteps 256 --num-envs 16 --n-steps 16 --hidden 8 --validation-tasks 1"
     TRAIN.process("ppo", *words.split(), "--out", tmp_path, MPLBACKEND=backend)

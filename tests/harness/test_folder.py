@@ -129,10 +129,13 @@ def test_folder_that_cannot_be_made__is_refused(tmp_path: Path) -> None:
 
 
 COMMANDS = {
-    "evaluate": "analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
-    "solve": "solve --tasks random:500 --workers 1 --budget 2000",
-    "value": "value --episodes 4096 --workers 1",
-    "dqn": "dqn --timesteps 1000000",
+    "evaluate": (
+        "analytic --tasks random:3000 --workers 1 --no-pictures --no-latency",
+        "--overwrite",
+    ),
+    "solve": ("solve --tasks random:500 --workers 1 --budget 2000", "--resume"),
+    "value": ("value --episodes 4096 --workers 1", "--resume"),
+    "dqn": ("dqn --timesteps 1000000", "--overwrite"),
 }
 MARKS = {"evaluate": "episodes.partial.jsonl", "solve": "plans.partial.jsonl"}
 
@@ -140,15 +143,15 @@ MARKS = {"evaluate": "episodes.partial.jsonl", "solve": "plans.partial.jsonl"}
 @pytest.mark.parametrize("command", COMMANDS)
 def test_second_process__is_refused(tmp_path: Path, command: str) -> None:
     out, package = tmp_path / "out", Command(evaluate if command in MARKS else train)
-    words = [*COMMANDS[command].split(), "--out", out]
+    arguments, option = COMMANDS[command]
+    words = [*arguments.split(), "--out", out]
     first = package.start(*words)
     wait_until((out / MARKS.get(command, "run.json")).exists, first)
     try:
-        for option in ("--overwrite", "--resume"):
-            second = package.process(*words, option, code=2)
-            assert second.stdout == ""
-            assert "a folder that no other process is writing to" in second.stderr
-            assert second.stderr.count("\n") == 1
+        second = package.process(*words, option, code=2)
+        assert second.stdout == ""
+        assert "a folder that no other process is writing to" in second.stderr
+        assert second.stderr.count("\n") == 1
         assert first.poll() is None
     finally:
         first.kill()
