@@ -56,6 +56,17 @@ def test_results__are_written_from_the_figures_in_the_documentations_data() -> N
             assert row["success_rate"] == row["success"] / row["n"]
 
 
+def test_results__have_no_violation_by_a_policy_that_simulates_its_choice() -> None:
+    checked = {}
+    for name in results.EVALUATIONS:
+        policies = json.loads((results.DATA / f"{name}.json").read_text())["policies"]
+        for policy, row in policies.items():
+            if policy.partition(":")[0] in ("analytic", "value", "lookahead") or "+" in policy:
+                assert row["violations"] == 0, (name, policy)
+                checked[name, policy] = row["n"]
+    assert {checked["paper", f"{learner}+critic"] for learner in ("ppo", "dqn")} == {10_000}
+
+
 def test_results__refuse_parts_that_do_not_exist() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'narrow'"):
         results.main(["--run", "--only", "narow"])

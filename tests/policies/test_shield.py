@@ -1,4 +1,6 @@
-"""The shield over many tasks: whatever the policy behind it wants, nothing is violated."""
+"""Shield and critic over many tasks: whatever the policy behind them wants, nothing is violated."""
+
+from collections import Counter
 
 import pytest
 
@@ -30,6 +32,15 @@ def test_shield__violates_nothing_on_10000_tasks() -> None:
     assert len(rows) == 10_000
     assert not [row for row in rows if row["outcome"] in (*VIOLATIONS, "error")]
     assert sum(row["outcome"] == "success" for row in rows) > 9_900
+
+
+@pytest.mark.parametrize("preset", ["narrow", "six"])
+def test_critic__violates_nothing(preset: str) -> None:
+    """The committed results say the same of 10,000 tasks: see the tests of the benchmarks."""
+    played = _played("ppo+critic", "random:300:33", SnakeParams.preset(preset))
+    outcomes = Counter(row["outcome"] for part in played for row in part)
+    assert outcomes.keys() <= {"success", "deadlock", "horizon"}
+    assert outcomes["success"] > 200
 
 
 @pytest.mark.parametrize("preset", ["paper", "narrow"])
