@@ -15,7 +15,7 @@ from snake_env import AnalyticOptimizer, InvalidInputError, SnakeState, StateBat
 from snake_env.kernel.blocks import clock_of, constants_of
 from snake_env.modes import mode_table
 from snake_env.networks.symmetry import mirror
-from snake_env.policies.registry import _reduced_candidates
+from snake_env.policies.baselines import reduced_candidates
 from snake_env.policies.value import shipped
 from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.motion import trajectory
@@ -102,7 +102,7 @@ def test_cached_constants__are_read_only() -> None:
         constants_of(PAPER),
         clock_of(PAPER),
         *mirror(8),
-        _reduced_candidates(),
+        reduced_candidates(),
         mode_table(8).lifted,
         mode_table(8).wheels,
         mode_table(8).n_lifted,

@@ -29,7 +29,8 @@ from evaluate.table import printed, result_tables
 from evaluate.terminal import print_comparisons
 from harness.console import PlainConsole, console
 from harness.engine import Engine, WorkerLostError
-from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
+from snake_env.policies.baselines import FirstFeasiblePolicy
+from snake_env.policies.registry import POLICIES
 from snake_env.sim.episode import OUTCOMES
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState

@@ -8,7 +8,8 @@ import pytest
 from evaluate import latency
 from evaluate.latency import measure_latencies
 from evaluate.protocol import Row
-from snake_env.policies.registry import POLICIES, FirstFeasiblePolicy
+from snake_env.policies.baselines import FirstFeasiblePolicy
+from snake_env.policies.registry import POLICIES
 from snake_env.sim.tasks import random_suite
 from snake_env.state import SnakeState
 from tests.support.evaluations import evaluated

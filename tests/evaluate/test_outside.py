@@ -12,7 +12,7 @@ from evaluate.outside import is_outside, make_policy
 from evaluate.protocol import Shard, run_episode, run_shard
 from harness.engine import Engine
 from snake_env.errors import InvalidInputError
-from snake_env.policies.registry import FirstFeasiblePolicy
+from snake_env.policies.baselines import FirstFeasiblePolicy
 from snake_env.sim.tasks import random_suite
 from tests.support.commands import Command
 from tests.support.policies_of_others import Sleepy, Wrong
@@ -46,19 +46,19 @@ def test_outside__is_module_and_factory(name: str, outside: bool) -> None:
 
 
 def test_policy_of_a_module__is_made_with_the_constants() -> None:
-    policy = make_policy("snake_env.policies.registry:FirstFeasiblePolicy", SHORT)
+    policy = make_policy("snake_env.policies.baselines:FirstFeasiblePolicy", SHORT)
     assert isinstance(policy, FirstFeasiblePolicy)
     assert policy.params == SHORT
 
 
 def test_policy_of_a_module__does_what_it_does_by_name() -> None:
-    own = run_shard(_shard("snake_env.policies.registry:FirstFeasiblePolicy", [0, 1]))
+    own = run_shard(_shard("snake_env.policies.baselines:FirstFeasiblePolicy", [0, 1]))
     known = run_shard(_shard("first-feasible", [0, 1]))
     assert [row | {"policy": ""} for row in own] == [row | {"policy": ""} for row in known]
 
 
 def test_policy_of_a_module__can_be_shielded() -> None:
-    shielded = make_policy("snake_env.policies.registry:RandomPolicy+shield", PAPER)
+    shielded = make_policy("snake_env.policies.baselines:RandomPolicy+shield", PAPER)
     by_name = make_policy("random+shield", PAPER)
     state = random_suite(1, 0, PAPER).initial(0, PAPER)
     for policy in (shielded, by_name):

@@ -7,7 +7,8 @@ import pytest
 
 from evaluate.protocol import run_episode
 from snake_env.modes import mode_table
-from snake_env.policies.registry import AnalyticPolicy, load_policy
+from snake_env.policies.baselines import AnalyticPolicy
+from snake_env.policies.registry import load_policy
 from snake_env.sim.episode import OUTCOMES, STILL, Episode, Episodes, EpisodeSummary
 from snake_env.sim.simulation import Prediction, advance, advance_batch, predict
 from snake_env.sim.tasks import load_tasks

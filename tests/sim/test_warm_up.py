@@ -12,10 +12,10 @@ from snake_env.kernel.instant_mask import get_mask_kernel
 from snake_env.kernel.interval import get_kernel
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
+from snake_env.policies.baselines import AnalyticPolicy
 from snake_env.policies.ends import get_ends_program
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.one_step import CriticPolicy, ValuePolicy, best_mode
-from snake_env.policies.registry import AnalyticPolicy
 from snake_env.policies.value import ActionValue, NetworkValue
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import get_observation_kernel

@@ -7,7 +7,7 @@ import time
 from typing import Any, ClassVar
 
 from snake_env.params import SnakeParams
-from snake_env.policies.registry import AnalyticPolicy, FirstFeasiblePolicy
+from snake_env.policies.baselines import AnalyticPolicy, FirstFeasiblePolicy
 from snake_env.state import SnakeState
 from tests.support import HANGS_S
 
