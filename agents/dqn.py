@@ -200,6 +200,8 @@ class DQNLearner(Learner):
         model, settings = self.model, self._settings
         assert model.env is not None
         assert model.replay_buffer is not None
+        # SB3 sets it after each step only, so that the first one would depend on what came before.
+        model.exploration_rate = model.exploration_schedule(model._current_progress_remaining)
         model.collect_rollouts(
             model.env,
             callback,

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
@@ -147,8 +146,3 @@ class Learner(ABC):
     def _is_sane(self) -> bool:
         parts = self.model.policy.parameters()
         return all(bool((part.abs() < _LARGEST_WEIGHT).all()) for part in parts)
-
-
-def segment_seed(seed: int, segment: int) -> int:
-    """The seed of a segment of a run."""
-    return int(np.random.SeedSequence([seed, segment]).generate_state(1)[0]) // 2

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from agents.failures import failure_cost
 from agents.sampling import sampled_modes
-from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.policies.one_step import CREEPING
 from snake_env.policies.search import Expansion, best_of_each, expand
 from snake_env.policies.value import PhaseValue, ValueFunction, network_value
 from snake_env.sim.observation import observe
+from snake_env.sim.slip import NO_SLIP, Slip, randomised_slips, slip_batch
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
@@ -90,7 +90,7 @@ def play(shard: Play) -> Returns:
     explores[0] = 0  # so that every shard has returns
     low, high = np.log(_NOISE)
     scale = np.exp(rng.uniform(low, high, count))
-    scales = slips(shard.slip, count, rng)
+    scales = randomised_slips(shard.slip, count, rng)
     states, task = _wander(
         StateBatch.initial(phi0, target, params), explores, scale, scales, value, rng, params
     )

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from agents.failures import failure_cost
 from agents.labels import Decisions, join
 from agents.sampling import sampled_modes
-from snake_env.envs.slip import NO_SLIP, Slip, slip_batch, slips
 from snake_env.modes import mode_table
 from snake_env.networks.network import Network
 from snake_env.networks.symmetry import SymmetricNetwork
@@ -22,6 +21,7 @@ from snake_env.sim.episode import STILL
 from snake_env.sim.masks import action_masks
 from snake_env.sim.observation import observe
 from snake_env.sim.simulation import advance_batch, predict_batch, successors
+from snake_env.sim.slip import NO_SLIP, Slip, randomised_slips, slip_batch
 from snake_env.sim.tasks import random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch
 
@@ -112,7 +112,7 @@ def _episodes(shard: Visit, count: int, rng: np.random.Generator) -> Iterator[De
     states = StateBatch.initial(phi0, target, params)
     # Half of the episodes follow the teacher strictly, the others less and less.
     scale = np.maximum(rng.uniform(-1.0, 1.0, count), 0.0) * _NOISE
-    scales = slips(shard.slip, count, rng)
+    scales = randomised_slips(shard.slip, count, rng)
     student = None if shard.student is None else SymmetricNetwork(shard.student, params.n_joints)
     for _ in range(round(_LONGEST * failure_cost(params))):
         if student is None:

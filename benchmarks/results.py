@@ -27,7 +27,6 @@ from harness.files import read_json
 from harness.folder import writable_folder
 from harness.options import parse
 from harness.provenance import revision
-from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.errors import InvalidInputError, SnakeEnvError, UnknownNameError
 from snake_env.kernel.compiler import vector_bits
 from snake_env.modes import mode_table
@@ -35,6 +34,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
 from snake_env.policies.value import shipped
 from snake_env.sim.simulation import predict
+from snake_env.sim.slip import NO_SLIP, Slip
 from snake_env.sim.tasks import load_tasks
 from snake_env.system.exit_code import exit_code
 from snake_env.system.files import write_atomically

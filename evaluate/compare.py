@@ -25,9 +25,9 @@ from evaluate.summary import build_summary
 from evaluate.terminal import print_comparisons, print_results
 from harness.files import FileError, read_json
 from harness.folder import held
-from snake_env.envs.slip import check_slip
 from snake_env.errors import InvalidInputError, SnakeEnvError, as_finite
 from snake_env.params import SnakeParams
+from snake_env.sim.slip import check_slip
 from snake_env.sim.tasks import load_tasks
 
 _PACKED_AT_ONCE = 1000  # rows

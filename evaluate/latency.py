@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import make_policy, staying
 from evaluate.protocol import Row, chooses_modes
-from evaluate.replay import floor_of, modes_of
+from evaluate.replay import modes_of, slip_process_of
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.sim.tasks import TaskSuite
@@ -85,10 +85,10 @@ def _decide_again(
                 continue
             state = suite.initial(row["task"], params)
             within(limit_s, policy.reset, row["task"])
-            floor = floor_of(row, params)
+            process = slip_process_of(row, params)
             for mode in modes_of(row):
                 yield within(limit_s, _duration_us, policy, state)
-                state, _ = floor.advance(state, mode)
+                state, _ = process.advance(state, mode)
     except (Exception, SystemExit, DecisionTimeoutError):
         return  # it decided well in the episodes: what is measured so far has to do
 

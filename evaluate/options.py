@@ -14,9 +14,9 @@ from evaluate.outside import is_outside
 from evaluate.table import Format
 from harness.engine import Engine
 from harness.options import Assignments
-from snake_env.envs.slip import NO_SLIP, check_slip
 from snake_env.errors import InvalidInputError, escaped
 from snake_env.params import SnakeParams, parse_overrides
+from snake_env.sim.slip import NO_SLIP, check_slip
 
 Factories = tyro.conf.UseAppendAction[
     Annotated[tuple[str, ...], tyro.conf.arg(metavar="MODULE:FACTORY")]
@@ -64,8 +64,9 @@ class Options:
     no_pictures: bool = False
     """Only write summary.json and episodes.csv."""
     video: Annotated[str, tyro.conf.arg(metavar="TASK,...|default")] = ""
-    """Write videos of these tasks (sim-1 or numbers; default: sim-1, the median and the slowest task).
-    Each shows the first policy beside the fastest other one. MP4 with the extra video, else GIF."""
+    """Write videos of these tasks: numbers or sim-1, separated by commas, or the word default (sim-1,
+    the median and the slowest task). Each shows the first policy beside the fastest other one. MP4 with
+    the extra video, else GIF."""
     format: Format = "text"
     """Format of the tables: text, md (Markdown), latex or csv. The last three print nothing else."""
     engine: Engine = field(default_factory=Engine)

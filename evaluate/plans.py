@@ -68,7 +68,7 @@ def replay(state: SnakeState, modes: tuple[int, ...], params: SnakeParams) -> Pl
         except InvalidModeError:
             return None
         cost += float(prediction.cost[0])
-        if not prediction.feasible[0]:
+        if not prediction.executable(params)[0]:
             return None
     return Plan(modes, states, cost) if state.done else None
 

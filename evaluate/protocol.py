@@ -7,19 +7,16 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from evaluate.deadline import DecisionTimeoutError, within
 from evaluate.outside import is_outside, make_policy, staying
 from harness.console import in_one_line
-from snake_env.envs.slip import NO_SLIP, Floor, Slip
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
-from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy, models_of
 from snake_env.policies.skid import skid
 from snake_env.sim.episode import Episode, EpisodeSummary
-from snake_env.sim.simulation import predict
+from snake_env.sim.simulation import any_feasible
+from snake_env.sim.slip import NO_SLIP, Slip, SlipProcess
 from snake_env.sim.tasks import TaskSuite
 from snake_env.state import SnakeState
 
@@ -167,7 +164,7 @@ def run_episode(
         phase does not allow ends it with the outcome ``error``.
     """
     episode = Episode(state, params)
-    floor = Floor(slip, seed, params)
+    slip_process = SlipProcess(slip, seed, params)
     modes: list[int] = []
     error = ""
     rollouts_before = 0
@@ -178,7 +175,7 @@ def run_episode(
             rollouts_before = 0
         while not episode.outcome:
             mode = within(decision_timeout_s, policy.select_mode, state)
-            after, prediction = floor.advance(state, mode)
+            after, prediction = slip_process.advance(state, mode)
             if prediction.violation[0] and not any_feasible(state, params):
                 episode.end("deadlock")
                 break
@@ -187,14 +184,14 @@ def run_episode(
             state = after
     except (Exception, SystemExit, DecisionTimeoutError) as problem:
         episode.end("error")
-        error = _told(problem)
+        error = _message(problem)
     try:
         rollouts = _rollouts(policy) - rollouts_before
         if rollouts < 0:
             raise ValueError(f"rollouts fell by {-rollouts} in the episode")
     except Exception as problem:
         episode.end("error")
-        error, rollouts = error or _told(problem), 0
+        error, rollouts = error or _message(problem), 0
     return {
         **dataclasses.asdict(episode.summary()),
         "rollouts": rollouts,
@@ -213,13 +210,7 @@ def _rollouts(policy: Policy) -> int:
     return rollouts
 
 
-def _told(problem: BaseException) -> str:
+def _message(problem: BaseException) -> str:
     """What went wrong, as a short text that any file can hold and any terminal can show."""
     text = in_one_line(problem)
     return text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
-
-
-def any_feasible(state: SnakeState, params: SnakeParams) -> bool:
-    """Whether some mode can be executed in this state without a violation."""
-    modes = mode_table(params.n_joints).valid(state.phase)
-    return bool(np.any(predict(state, modes, params).feasible))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from evaluate.protocol import Row
-from snake_env.envs.slip import Floor, Slip
 from snake_env.params import SnakeParams
 from snake_env.rendering.drawing import lifted_wheels
 from snake_env.sim.motion import Trajectory, trajectories
+from snake_env.sim.slip import Slip, SlipProcess
 from snake_env.state import SnakeState, StateBatch
 
 
@@ -41,10 +41,10 @@ def replay(row: Row, state: SnakeState, params: SnakeParams) -> Replay:
         state: Where it begins.
         params: The constants.
     """
-    modes, floor = modes_of(row), floor_of(row, params)
+    modes, process = modes_of(row), slip_process_of(row, params)
     states = [state]
     for mode in modes:
-        states.append(floor.advance(states[-1], mode)[0])
+        states.append(process.advance(states[-1], mode)[0])
     motions = trajectories(StateBatch.stack(states[:-1]), modes, params) if modes else []
     return Replay(states, modes, motions)
 
@@ -59,6 +59,6 @@ def slip_of(row: Row) -> Slip:
     return row["slip_m"], row["slip_rad"]
 
 
-def floor_of(row: Row, params: SnakeParams) -> Floor:
-    """The floor on which an episode took place, as it was at the beginning."""
-    return Floor(slip_of(row), row["task"], params)
+def slip_process_of(row: Row, params: SnakeParams) -> SlipProcess:
+    """The slip of an episode, as it was at the beginning."""
+    return SlipProcess(slip_of(row), row["task"], params)

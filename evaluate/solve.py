@@ -168,7 +168,7 @@ def _checked(row: Any, count: int) -> Row:
     if type(row["task"]) is not int or not 0 <= row["task"] < count:
         raise ValueError("there is no such task")
     if row["time_s"] != "" and not 0.0 <= row["time_s"] < math.inf:
-        raise ValueError("a time that is none")
+        raise ValueError("an invalid time")
     return row  # type: ignore[no-any-return]
 
 

@@ -4,9 +4,8 @@
     python examples/cleanrl_ppo.py --steps 60000
 
 The robots restart by themselves. With ``SAME_STEP`` the step that ends an episode returns the first
-observation (and mask) of the next one, and every row is a decision that counts; the last observation
-of the old episode is in ``info["final_obs"]``. An episode that was cut off (``truncated``) would have
-gone on: what it was still worth, the value of that last observation, is added to its last reward.
+observation (and mask) of the next one, and every row is a decision that counts. The horizon is a
+failure that the reward pays for, so no value is added where an episode is ``truncated``.
 """
 
 import argparse
@@ -108,10 +107,6 @@ def main() -> None:
             done = terminated | truncated
             returns += running[done].tolist()
             running[done] = 0.0
-            if truncated.any():
-                last = torch.from_numpy(np.stack(info["final_obs"][truncated]))
-                with torch.no_grad():
-                    reward[truncated] += GAMMA * agent.value(last).numpy()
             rewards[t], ends[t] = torch.from_numpy(reward), torch.from_numpy(done)
 
         # Generalised advantage estimation; nothing flows back over an episode's end.

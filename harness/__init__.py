@@ -1,1 +1,1 @@
-"""What every command shares: options, console, exit codes, files, and parallel work."""
+"""What every command shares: options, console, folders, files, and parallel work."""

@@ -58,12 +58,13 @@ class WorkerLostError(SnakeEnvError):
 
 @dataclass(frozen=True)
 class Engine:
-    """What runs the work. A shard's result does not depend on it."""
+    """Parallel execution. Results do not depend on it."""
 
     engine: Literal["local", "ray"] = "local"
     """local: processes on this machine; ray: a Ray cluster."""
     address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT")] = None
-    """Address of a running Ray cluster; auto: the one of this machine. Default: start one."""
+    """Address of a running Ray cluster; auto: the cluster on this machine. Default: start a local
+    one."""
     workers: int = -1
     """Worker processes; -1: one per core; 1: no extra process."""
 

@@ -8,10 +8,11 @@ import re
 from pathlib import Path
 from typing import Any, NoReturn
 
+from snake_env.system.files import STRAY
+
 LARGEST = 256 * 2**20
 """Bytes that are read of a file, unless a caller says otherwise."""
 _LONGEST_NAME = 60  # characters; with what stands around it far below the 255 bytes of file systems
-_STRAY = re.compile(r"tmp[a-z0-9_]{8}")  # as snake_env.system.files names them
 
 
 class FileError(ValueError):
@@ -27,7 +28,7 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
     try:
         size = path.stat().st_size
         if not path.is_file():
-            raise FileError("it is no file")
+            raise FileError("not a regular file")
         if size > most:
             raise FileError(f"it has {size:,} bytes; at most {most:,} are read")
         return path.read_bytes()
@@ -41,19 +42,19 @@ def read_text(path: Path, most: int = LARGEST) -> str:
     """The text in a file.
 
     Raises:
-        FileError: As :func:`read_bytes`, or it is no text in UTF-8.
+        FileError: As :func:`read_bytes`, or it is not UTF-8 text.
     """
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError:
-        raise FileError("it is no text in UTF-8") from None
+        raise FileError("not UTF-8 text") from None
 
 
 def read_json(path: Path, most: int = LARGEST) -> Any:
     """The value in a file of JSON.
 
     Raises:
-        FileError: As :func:`read_text`, or it is no JSON.
+        FileError: As :func:`read_text`, or it is not JSON.
     """
     return parsed_json(read_text(path, most))
 
@@ -69,16 +70,16 @@ def parsed_json(text: str) -> Any:
     except RecursionError:
         raise FileError("it is nested too deeply") from None
     except ValueError as error:
-        raise FileError(f"it is no JSON: {error}") from None
+        raise FileError(f"invalid JSON: {error}") from None
 
 
 def _refuse(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is no number in JSON")
+    raise ValueError(f"JSON has no {constant}")
 
 
 def is_stray(path: Path) -> bool:
     """Whether it is what a killed process left of a file that it was writing."""
-    return _STRAY.fullmatch(path.name) is not None and path.is_file()
+    return STRAY.fullmatch(path.name) is not None and path.is_file()
 
 
 def file_name(name: str) -> str:

@@ -46,7 +46,7 @@ def held(
 ) -> Iterator[Found]:
     """Makes a folder this process's own; no other one is let in before it ends, however it ends.
 
-    What a killed process left of a file that it was writing is removed.
+    What a killed process left of a file that it was writing is removed once the folder is accepted.
 
     Args:
         folder: The folder, made where there is none; None: nothing is written.
@@ -66,17 +66,17 @@ def held(
         return
     writable_folder(folder)
     with _locked(folder):
-        for path in folder.iterdir():
-            if is_stray(path):
-                path.unlink()
         found = layout.found(folder)
-        if any(folder.iterdir()):
+        strays = [path for path in folder.iterdir() if is_stray(path)]
+        if len(strays) < len(list(folder.iterdir())):
             if found == "nothing":
                 expected = "an empty folder, or one with a run"
                 raise InvalidInputError("out", str(folder), expected)
             if not (overwrite or resume):
                 expected = "an empty folder (or --overwrite to replace what is there, or --resume)"
                 raise InvalidInputError("out", str(folder), expected)
+        for path in strays:
+            path.unlink()
         if overwrite:
             _clear(folder, layout)
             found = "nothing"

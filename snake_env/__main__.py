@@ -24,8 +24,9 @@ from snake_env.params import PRESETS, SnakeParams, parse_overrides
 from snake_env.policies.registry import POLICIES, load_policy
 from snake_env.rendering.painter import Painter, save_gif
 from snake_env.rendering.scenes import Scene, motion_scenes, still_scene
+from snake_env.sim.episode import Episode
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
-from snake_env.sim.simulation import advance
+from snake_env.sim.simulation import advance, any_feasible
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
 from snake_env.system import interrupts
@@ -33,6 +34,7 @@ from snake_env.system.exit_code import exit_code
 
 _SIM_1_SECONDS = 36.0
 _LISTED = 15
+_ENDS_AT_REST = ("success", "deadlock", "horizon")
 _NOTHING = "no mode is feasible"
 _HELP = """\
   a number    that mode           5 7 8 up    the mode that lifts these rear wheels
@@ -139,15 +141,20 @@ def _gif(options: argparse.Namespace) -> int:
         raise InvalidInputError("out", str(options.out), "a .gif file in a folder that exists")
     Painter(params)  # complains before the work if Pillow is missing
     scenes: list[Scene] = [still_scene(state, params)]
-    violation = ""
-    while not state.done and not violation and state.elapsed < params.horizon_s:
+    episode = Episode(state, params)
+    while not episode.outcome:
         mode = policy.select_mode(state)
         after, prediction = advance(state, mode, params)
-        violation = str(prediction.violation[0])
-        scenes += motion_scenes(state, mode, params, alarm=violation)
+        if prediction.violation[0] and not any_feasible(state, params):
+            episode.end("deadlock")
+            break
+        episode.record(after, prediction)
+        broken = "" if episode.outcome in ("", *_ENDS_AT_REST) else episode.outcome
+        scenes += motion_scenes(state, mode, params, alarm=broken)
         state = after
-    if not violation:
-        scenes.append(still_scene(state, params, alarm="" if state.done else "horizon"))
+    if episode.outcome in _ENDS_AT_REST:
+        alarm = "" if episode.outcome == "success" else episode.outcome
+        scenes.append(still_scene(state, params, alarm=alarm))
     print(f"drawing {len(scenes)} frames ...")
     try:
         save_gif(scenes, options.out, params)
@@ -155,7 +162,7 @@ def _gif(options: argparse.Namespace) -> int:
         raise InvalidInputError(
             "out", str(options.out), f"a .gif file to write ({error})"
         ) from None
-    ending = "target reached" if state.done else violation.replace("_", " ") or "horizon"
+    ending = "target reached" if state.done else episode.outcome.replace("_", " ")
     print(f"{options.out}: {len(scenes)} frames, {ending} after {state.elapsed:.1f} s")
     return 0
 
@@ -173,9 +180,9 @@ def _play(options: argparse.Namespace) -> int:
         _describe(state)
         try:
             mode = _ask(state, optimizer)
-        except EOFError:
+        except EOFError:  # Ctrl-D
             print()
-            return interrupts.INTERRUPTED
+            return 0
         if mode is None:
             return 0
         _, reward, terminated, truncated, info = env.step(mode)

@@ -215,7 +215,7 @@ def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
         listed = f"[{text}]" if "," in text and "[" not in text else text
         try:
             pairs[name] = json.loads(listed.lower())
-        except ValueError:
+        except (ValueError, RecursionError):
             equals = ""
         if not equals:
             expected = (

@@ -37,7 +37,7 @@ class SnakeState:
         last_turn: How far the SCP of the last interval turned in it [rad].
 
     Raises:
-        InvalidInputError: An array holds something else than numbers.
+        InvalidInputError: An array holds anything other than numbers.
     """
 
     w: FloatArray

@@ -8,8 +8,8 @@ import pytest
 
 from snake_env import InvalidInputError, SnakeParams, SnakeState, predict
 from snake_env.envs import SnakeModeSelectionEnv
-from snake_env.envs.slip import check_slip
 from snake_env.sim.simulation import advance, joint_input
+from snake_env.sim.slip import check_slip
 from tests.support.robots import PAPER, straight_state
 
 HUGE = [1e300, -1e300, 1e7, 10**400, float("inf"), float("nan")]

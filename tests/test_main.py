@@ -54,7 +54,7 @@ def test_play__takes_modes_wheels_and_advice(
 
 
 def test_play__ends_with_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert play(["85"], monkeypatch) == 130
+    assert play(["85"], monkeypatch) == 0
 
 
 @pytest.mark.parametrize(
@@ -102,4 +102,4 @@ def test_full_disk_behind_stdout__is_told_in_one_line(words: list[str]) -> None:
 def test_play__without_standard_streams_ends_quietly() -> None:
     command = f"{sys.executable} -m snake_env play <&- >&-"
     done = subprocess.run(["sh", "-c", command], cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (130, "")
+    assert (done.returncode, done.stderr) == (0, "")

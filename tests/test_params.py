@@ -159,3 +159,8 @@ def _assert_refused(name: str, value: object) -> None:
 def test_constant_that_is_given_twice__is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"^set = 'a_c=2': expected a_c only once$"):
         parse_overrides(["a_c=1", "l=0.1", "a_c=2"])
+
+
+def test_overrides__of_any_depth_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match="expected NAME=VALUE"):
+        parse_overrides(["gains=" + "[" * 20_000])

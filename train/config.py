@@ -27,7 +27,7 @@ _HELP = (
     "file; the command line overrides it."
 )
 _LARGEST = 2**20  # bytes of a file
-_KINDS = {bool: "true or false", int: "an integer", float: "a finite number", str: "a text"}
+_KINDS = {bool: "true or false", int: "an integer", float: "a finite number", str: "a string"}
 
 
 def parse_with_file(options: type[T], command: str, args: Sequence[str]) -> T:

@@ -54,10 +54,8 @@ _WHAT = {
 }
 _LIMITS = {
     "policy": "Without `+shield` or `+critic` a choice can break (22) or (23) within the interval. The "
-    "network was trained only on random shapes within the joint limits, {ground}, and only for this "
-    "robot.",
-    "value": "The network was trained only on random shapes within the joint limits. Plans remain "
-    "valid, because the model simulates them.",
+    "network was trained on random shapes within the joint limits, {ground}, for this robot only.",
+    "value": "The network was trained on random shapes within the joint limits, for this robot only.",
 }
 
 
@@ -119,7 +117,9 @@ def _models(options: Options, about: dict[str, Any], ships: bool) -> dict[str, P
     models = options.run / "models"
     if models.is_dir():
         if options.name is not None:
-            raise InvalidInputError("name", options.name, "none: a recipe has models of four names")
+            raise InvalidInputError(
+                "name", options.name, "no --name: a recipe's models have fixed names"
+            )
         if not (models / TABLE).is_file():
             expected = "a finished recipe: --resume continues it"
             raise InvalidInputError("run", str(options.run), expected)
@@ -168,8 +168,8 @@ def _beginning(made: Mapping[str, Any]) -> str:
 
 def _ground(metres: float, radians: float) -> str:
     if not (metres or radians):
-        return "no slip"
-    return f"slip of up to {2000.0 * metres:g} mm and {2.0 * radians:g} rad per interval"
+        return "without slip"
+    return f"with slip of up to {2000.0 * metres:g} mm and {2.0 * radians:g} rad per interval"
 
 
 def _validation(made: Mapping[str, Any]) -> str:

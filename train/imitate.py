@@ -26,7 +26,7 @@ from snake_env.params import SnakeParams
 from snake_env.sim.warm_up import warm_up
 from train.given import read_checked
 from train.ground import Ground
-from train.run import Run, RunFolder
+from train.run import Run, RunFolder, part_seed
 from train.validation import Validation, in_words, quality
 
 _PART = 2048  # decisions that a worker collects at a time
@@ -109,7 +109,7 @@ def train(options: Options, console: Console) -> Path:
                 read_datasets(folder.path),
                 options.fit,
                 params,
-                seed=options.run.seed + 1000 * number,
+                seed=part_seed(options.run.seed, number),
                 last=number == options.rounds - 1,
                 track=functools.partial(tracked, console, label, "batches"),
             )
@@ -132,6 +132,8 @@ def train(options: Options, console: Console) -> Path:
                 f"{in_words(row)}",
                 soft_wrap=True,
             )
+        for labels in folder.path.glob("labels-*.npz"):  # hundreds of megabytes
+            labels.unlink()
         if finished:
             console.print("this run is finished")
         console.print(f"best model: {folder.path / 'best.safetensors'}", soft_wrap=True)

@@ -15,10 +15,10 @@ from evaluate.protocol import Row, Shard, run_shard
 from evaluate.statistics import summarise
 from harness.engine import Engine
 from harness.files import read_json
-from snake_env.envs.slip import Slip
 from snake_env.networks.model_file import read_model, write_model
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
+from snake_env.sim.slip import Slip
 from snake_env.sim.tasks import load_tasks
 from snake_env.system.files import write_atomically
 from train.validation import SUITE

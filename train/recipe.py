@@ -38,7 +38,11 @@ ORDER = (("value",), ("imitate",), ("ppo", "dqn"), ("models",))
 """Steps; the stages of a step run side by side."""
 EXPECTED = "expected"
 """A text in a recipe that says how long it takes and how good its policies are."""
-LAYOUT = Layout(begun="run.json", done="run.json", own=("run.json", "*.csv", "*.log", *STAGES))
+LAYOUT = Layout(
+    begun="run.json",
+    done="run.json",
+    own=("run.json", "log.csv", *(f"{stage}.log" for stage in STAGES), *STAGES),
+)
 """What the folder of a recipe holds: a folder for each stage."""
 
 
@@ -146,7 +150,7 @@ def _recipe(budget: str) -> tuple[dict[str, dict[str, Any]], str]:
     given = read_yaml(RECIPES / f"{budget}.yaml" if budget in known else Path(budget))
     expected = given.pop(EXPECTED, "")
     if not isinstance(expected, str):
-        raise InvalidInputError(EXPECTED, expected, "a text")
+        raise InvalidInputError(EXPECTED, expected, "a string")
     stages = [stage for stage in STAGES if stage != "models"]
     for name in given:
         if name not in stages:

@@ -19,7 +19,7 @@ from rich.console import Console
 
 from agents.checks import check_device, check_positive
 from agents.dqn import DQNLearner
-from agents.learner import Learner, segment_seed
+from agents.learner import Learner
 from agents.ppo import PPOLearner
 from harness.engine import Engine
 from harness.options import Assignments
@@ -37,14 +37,14 @@ from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, sa
 from train.given import read_checked
 from train.ground import Ground
 from train.log import RunLog
-from train.run import Run, RunFolder
+from train.run import Run, RunFolder, part_seed
 from train.validation import Validation, in_words
 from train.watch import Watch, stopping
 
 
 @dataclass(frozen=True)
 class Loop:
-    """How the run goes."""
+    """Training loop."""
 
     init: Path | None = None
     """Initial model, for example of train imitate; {seed} is replaced by the run's seed. Default:
@@ -73,7 +73,7 @@ class Loop:
         check_device(self.device)
         if self.tasks in FROZEN:
             raise InvalidInputError(
-                "tasks", self.tasks, "tasks that are not held out: these are for comparisons"
+                "tasks", self.tasks, "a suite that is not reserved for evaluation"
             )
         return dataclasses.asdict(checked_weights(parse_overrides(self.reward)))
 
@@ -157,7 +157,7 @@ def train(
         with stopping() as stop, progress(console, total, "decisions", before) as advance:
             while (before := learner.model.num_timesteps) < total and not stop.is_set():
                 began = time.monotonic()
-                watch, seed = Watch(advance, make.name), segment_seed(run.seed, segment)
+                watch, seed = Watch(advance, make.name), part_seed(run.seed, segment)
                 try:
                     learner.learn(before + loop.segment, seed, watch, log.note)
                 except KeyboardInterrupt:
@@ -229,7 +229,8 @@ def _config(
 
 def _env(options: LearnerOptions, settings: Any, weights: dict[str, float]) -> SnakeVecEnv:
     """The environments that the learner acts in, each with its share of the slip."""
-    shares = np.linspace(0.0, 2.0, settings.num_envs)[:, None]
+    count = settings.num_envs
+    shares = np.linspace(0.0, 2.0, count)[:, None] if count > 1 else np.ones((1, 1))
     return SnakeVecEnv(
         settings.num_envs,
         mask_in_observation=True,

@@ -15,6 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from harness.folder import Layout, held
@@ -29,15 +30,15 @@ _PACKAGES = ("snake-mode-env", "numpy", "gymnasium", "torch", "stable-baselines3
 
 @dataclass(frozen=True)
 class Run:
-    """Where the run is kept."""
+    """Run folder and seeds."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Run folder. Default: runs/ALGORITHM-ROBOT-sSEED; a recipe's ALGORITHM is recipe-BUDGET."""
     seed: int = 0
     """Random seed."""
     seeds: int = 1
-    """Number of consecutive seeds, trained in parallel. Their folders end in -s0, -s1, ..., that of the
-    learning curves of all in -seeds."""
+    """Number of consecutive seeds, trained in parallel. The run folders end in -s0, -s1, ...; the
+    folder with all learning curves ends in -seeds."""
     resume: bool = False
     """Continue the interrupted run in the folder; without one, start it."""
     overwrite: bool = False
@@ -60,12 +61,18 @@ class Run:
         return Path(str(path).replace("{seed}", str(self.seed)))
 
 
+def part_seed(seed: int, part: int) -> int:
+    """The seed of a part of a run: a segment, a round or a generation."""
+    return int(np.random.SeedSequence([seed, part]).generate_state(1)[0]) // 2
+
+
 LAYOUT = Layout(
     begun=ABOUT,
     done=ABOUT,
     own=(
-        *("*.csv", "*.json", "*.npz", "*.safetensors", "checkpoint.pt", "curve.png"),
-        "tensorboard",
+        *(ABOUT, "log.csv", "curve.png", "tensorboard", "checkpoint.pt"),
+        *("best.safetensors", "last.safetensors", "value.safetensors"),
+        *("round-*.safetensors", "labels-*.npz", "value-*.safetensors", "returns-*.npz"),
     ),
 )
 """What the folder of a run holds."""

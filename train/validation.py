@@ -8,10 +8,10 @@ from typing import Any
 
 from evaluate.protocol import Shard, run_shard
 from evaluate.statistics import summarise
-from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.errors import InvalidInputError
 from snake_env.params import SnakeParams
 from snake_env.policies.registry import CRITIC
+from snake_env.sim.slip import NO_SLIP, Slip
 from snake_env.sim.tasks import FROZEN, load_tasks
 
 SUITE = "validation-2k"

@@ -26,7 +26,7 @@ from snake_env.sim.observation import observation_size
 from snake_env.sim.warm_up import warm_up
 from train.given import read_checked
 from train.ground import Ground
-from train.run import Run, RunFolder
+from train.run import Run, RunFolder, part_seed
 
 _LARGEST = 8 * 2**30  # bytes of an array of returns
 _PART = 256  # episodes that a worker plays side by side
@@ -148,7 +148,7 @@ def train(options: Options, console: Console) -> Path:
                 options.fit,
                 options.fit.learning_rate * (1.0 - 0.95 * generation / options.generations),
                 params.n_joints,
-                seed=options.run.seed + 1000 * generation,
+                seed=part_seed(options.run.seed, generation),
                 track=functools.partial(tracked, console, label, "batches"),
             )
             strict = sum(returns.strict for returns in played)

@@ -52,7 +52,7 @@ def sim_1(
     suite: TaskSuite,
     decision_timeout_s: float | None = None,
 ) -> list[Replayed]:
-    """The paper's first simulation by every policy of ``rows``, on the same floor.
+    """The paper's first simulation by every policy of ``rows``, with the same slip.
 
     There is none if it is among the tasks, if this robot can't have its shapes, or if a policy is not
     at hand any more: results may be older than the file that it came from.

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from snake_env.envs.no_repeat import NoRepeat
 from snake_env.envs.reward import RewardWeights, reward_terms
-from snake_env.envs.slip import check_slip, slipped
 from snake_env.envs.transition import OnInfeasible, transition
-from snake_env.errors import InvalidInputError, UnknownNameError, as_finite
+from snake_env.errors import InvalidInputError, UnknownNameError, as_finite, as_integer
 from snake_env.modes import mode_table
 from snake_env.params import LARGEST, SnakeParams
 from snake_env.sim.episode import Episodes
 from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
 from snake_env.sim.observation import observed
+from snake_env.sim.slip import check_slip, slipped
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
 
@@ -112,25 +112,6 @@ class StepResult:
     info: dict[str, Any]
 
 
-@dataclass(frozen=True, eq=False)
-class EnvState:
-    """What an env's ``get_state`` saves.
-
-    Attributes:
-        states: The robot, a batch of one.
-        episodes: The running episode.
-        no_repeat: What the no-repeat rule remembers; None: it is off.
-        rng: The source of randomness.
-        running: Whether the episode has not ended.
-    """
-
-    states: StateBatch
-    episodes: Episodes
-    no_repeat: NoRepeat | None
-    rng: np.random.Generator
-    running: bool
-
-
 class EnvCore:
     """N robots.
 
@@ -213,8 +194,8 @@ class EnvCore:
             return random_tasks(rngs, params)
         if task is None:
             rows = [int(rng.integers(len(suite))) for rng in rngs]
-        elif isinstance(task, (int, np.integer)) and 0 <= task < len(suite):
-            rows = [int(task)] * len(rngs)
+        elif (row := as_integer(task)) is not None and 0 <= row < len(suite):
+            rows = [row] * len(rngs)
         else:
             raise InvalidInputError("options['task']", task, f"a row from 0 to {len(suite) - 1}")
         return suite.phi0[rows], suite.target[rows]

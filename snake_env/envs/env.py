@@ -11,7 +11,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.envs.core import EnvCore, EnvOptions, EnvState
+from snake_env.envs.core import EnvCore, EnvOptions
+from snake_env.envs.env_state import EnvState
 from snake_env.envs.spaces import action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
@@ -93,7 +94,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     2. Termination: the robot tips (22), a joint passes its limit (23), links touch, or the choice was
        not allowed. With ``on_infeasible="reject"`` infeasible choices are not executed: the robot holds
        still for delta_t instead, and the episode continues.
-    3. Truncation: after ``horizon`` = 100 decisions.
+    3. Truncation: after ``horizon`` = 100 decisions. ``failure`` is final: do not bootstrap there.
 
     ## Information
     | Key | Type | Meaning |
@@ -153,11 +154,9 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         )
         self.core = EnvCore(1, options)
         self.action_space = action_space(options)
-        self._n_modes = int(self.action_space.n)
         self.observation_space = observation_space(options)
-        modes = self.metadata["render_modes"]
-        if render_mode is not None and render_mode not in modes:
-            raise UnknownNameError("render_mode", render_mode, modes)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise UnknownNameError("render_mode", str(render_mode), self.metadata["render_modes"])
         self.render_mode = render_mode
         self._viewer: Viewer | None = None
         self._begun = self._running = False
@@ -199,13 +198,13 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         Raises:
             InvalidModeError: The mode is not in the action space.
-            gymnasium.error.ResetNeeded: No episode is going on.
+            gymnasium.error.ResetNeeded: No episode is running.
         """
         if not self._running:
-            raise gymnasium.error.ResetNeeded("no episode is going on: call reset()")
+            raise gymnasium.error.ResetNeeded("no episode is running: call reset()")
         before, mode = self.state, as_integer(action)
         if mode is None:
-            raise InvalidModeError("action", action, f"an integer below {self._n_modes}")
+            raise InvalidModeError("action", action, f"an integer below {len(self.action_masks())}")
         result = self.core.step(_ONLY, np.array([mode]), [self.np_random])
         terminated, truncated = bool(result.terminated[0]), bool(result.truncated[0])
         info = _only(result.info)
@@ -223,13 +222,16 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     def get_state(self) -> EnvState:
         """Everything that the env's future depends on, for :meth:`set_state`."""
-        core = self.core
-        return copy.deepcopy(
-            EnvState(core.states, core.episodes, core.no_repeat, self.np_random, self._running)
-        )
+        core, rng = self.core, self.np_random
+        saved = EnvState(core.states, core.episodes, core.no_repeat, rng, self._running)
+        return copy.deepcopy(saved)
 
     def set_state(self, state: EnvState | SnakeState) -> None:
-        """Goes back to what :meth:`get_state` returned, or begins an episode in a robot's state."""
+        """Goes back to what :meth:`get_state` of such an env returned, or begins in a robot's state.
+
+        Raises:
+            InvalidInputError: It is neither, or of an env with other constants or ``no_repeat``.
+        """
         if isinstance(state, SnakeState):
             batch = StateBatch.stack([state])
             check_states(batch, self.params)
@@ -238,6 +240,7 @@ class SnakeModeSelectionEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         elif not isinstance(state, EnvState):
             raise InvalidInputError("state", state, "what get_state() returned, or a SnakeState")
         else:
+            state.check(self.params, no_repeat=self.core.no_repeat is not None)
             saved = copy.deepcopy(state)
             self.core.states, self.core.episodes = saved.states, saved.episodes
             self.core.no_repeat = saved.no_repeat

@@ -35,5 +35,5 @@ def of_each_robot(envs: SnakeModeSelectionVectorEnv, name: str) -> tuple[Any, ..
         return (same[name],) * count
     if name not in rows:
         known = ", ".join(sorted((*rows, *same)))
-        raise AttributeError(f"{name!r} is nothing that each robot has: known: {known}")
+        raise AttributeError(f"the robots have no attribute {name!r}; known: {known}")
     return tuple(rows[name]())

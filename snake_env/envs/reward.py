@@ -76,8 +76,7 @@ def reward_terms(
     reached = outcome == "success"
     failed = (outcome != "") & ~reached
     left = np.maximum(params.horizon_s - after.elapsed, 0.0) / params.delta_t
-    at_horizon = (outcome == "horizon") | (outcome == "deadlock")
-    phi_after = np.where((outcome != "") & ~at_horizon, 0.0, potential(after, params))
+    phi_after = np.where(outcome != "", 0.0, potential(after, params))  # also at the horizon
     difference = weights.gamma * phi_after - potential(before, params)
     return {
         "time": weights.time * prediction.duration / params.delta_t,

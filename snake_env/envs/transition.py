@@ -47,7 +47,7 @@ def transition(
         modes: Mode indices, shape (N,); a mode that the phase does not allow is a violation.
         on_infeasible: After a violation, ``terminate`` leaves the robot where it occurred; with
             ``reject`` the mode is not executed: the robot holds still for the interval, no violation
-            befalls it, and no cost is counted.
+            is recorded and no cost is added.
         params: The constants.
 
     Raises:
@@ -64,14 +64,14 @@ def transition(
     reject = on_infeasible == "reject"
     held = violation != "" if reject else ~allowed
     if held.any():
-        duration, befell = (params.delta_t, "") if reject else (0.0, INVALID_MODE)
+        duration, recorded = (params.delta_t, "") if reject else (0.0, INVALID_MODE)
         prediction = Prediction(
             phi=np.where(held[:, None], states.phi, prediction.phi),
             w=np.where(held[:, None], states.w, prediction.w),
             cost=np.where(held, 0.0, prediction.cost),
             j=np.where(held, np.inf, prediction.j),
             feasible=prediction.feasible & ~held,
-            violation=np.where(held, befell, prediction.violation),
+            violation=np.where(held, recorded, prediction.violation),
             d_min=np.where(held, least_distances(states.phi, params), prediction.d_min),
             max_abs_phi=np.where(held, np.abs(states.phi).max(axis=1), prediction.max_abs_phi),
             duration=np.where(held, duration, prediction.duration),

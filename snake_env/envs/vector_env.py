@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from snake_env.envs.core import EnvCore, EnvOptions
 from snake_env.envs.env import SnakeModeSelectionEnv
 from snake_env.envs.per_robot import of_each_robot
-from snake_env.envs.slip import NO_SLIP, slip_of_each
 from snake_env.envs.spaces import action_space, observation_space
 from snake_env.envs.transition import OnInfeasible
 from snake_env.errors import InvalidInputError, InvalidModeError, UnknownNameError, as_integer
@@ -24,6 +23,7 @@ from snake_env.params import SnakeParams
 from snake_env.rendering.painter import Painter
 from snake_env.rendering.scenes import still_scene
 from snake_env.sim.masks import MaskLevel
+from snake_env.sim.slip import NO_SLIP, slip_of_each
 from snake_env.state import FloatArray, IntArray
 
 Info = dict[str, Any]
@@ -153,7 +153,7 @@ class SnakeModeSelectionVectorEnv(VectorEnv[NDArray[np.float32], IntArray, NDArr
             InvalidInputError: The wrong number of actions.
         """
         if not self._begun:
-            raise ResetNeeded("no episode is going on: call reset()")
+            raise ResetNeeded("no episode is running: call reset()")
         try:
             given = np.asarray(actions)
         except ValueError:  # ragged

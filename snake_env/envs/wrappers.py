@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import RecordVideo
 from numpy.typing import DTypeLike, NDArray
 
-from snake_env.errors import UnknownNameError
+from snake_env.errors import InvalidInputError, UnknownNameError
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,12 @@ class ActionMaskObservation(
         gymnasium.utils.RecordConstructorArgs.__init__(self, library=library)
         super().__init__(env)
         self.format = MASK_FORMATS[library]
-        assert isinstance(env.action_space, spaces.Discrete)
+        if not isinstance(env.action_space, spaces.Discrete) or not env.has_wrapper_attr(
+            "action_masks"
+        ):
+            raise InvalidInputError(
+                "env", type(env.unwrapped).__name__, "an env with action_masks()"
+            )
         dtype: Any = self.format.dtype
         mask = spaces.Box(0, 1, (int(env.action_space.n),), dtype)
         both = {self.format.observation: env.observation_space, self.format.mask: mask}
@@ -93,7 +98,10 @@ class RecordMotion(RecordVideo):
     The env must have the render mode ``rgb_array_list``. All else is as with ``RecordVideo``.
     """
 
+    def __init__(self, env: gymnasium.Env[Any, Any], *args: Any, **kwargs: Any) -> None:
+        if env.render_mode != "rgb_array_list":
+            raise InvalidInputError("render_mode", env.render_mode, "'rgb_array_list'")
+        super().__init__(env, *args, **kwargs)
+
     def _capture_frame(self) -> None:
-        frames = self.env.render()
-        assert isinstance(frames, list), "RecordMotion needs render_mode='rgb_array_list'"
-        self.recorded_frames.extend(frames)
+        self.recorded_frames.extend(cast(Any, self.env.render()))

@@ -115,7 +115,7 @@ def _write_cache(path: Path, code: bytes) -> None:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.parent.chmod(0o755)  # whatever the umask: code is no secret
-        write_atomically(path, hashlib.sha256(code).digest() + code)
+        write_atomically(path, hashlib.sha256(code).digest() + code, 0o644)
     except OSError as error:
         _warn(f"in {path.parent} ({error.strerror})")
 

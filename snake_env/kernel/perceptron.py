@@ -118,7 +118,7 @@ def _ir(width: int) -> str:
     sums = list(itertools.product(rows, halves))
     return "\n".join(
         (
-            f"declare {vector} @llvm.fmuladd.v{width}f32({vector}, {vector}, {vector})",
+            f"declare {vector} @llvm.fma.v{width}f32({vector}, {vector}, {vector})",
             "define void @run(ptr noalias %x, ptr noalias %layers, ptr noalias %y,",
             '                 i64 %n_layers, i64 %n_groups) nounwind "stackrealign"',
             '    "prefer-vector-width"="512" "min-legal-vector-width"="512" {',
@@ -174,7 +174,7 @@ def _ir(width: int) -> str:
             *(f"  %in{r}.f = load float, ptr %in{r}.p" for r in rows),
             *(line for r in rows for line in _everywhere(f"in{r}", f"%in{r}.f", width)),
             *(
-                f"  %sum{r}{h} = call {vector} @llvm.fmuladd.v{width}f32"
+                f"  %sum{r}{h} = call {vector} @llvm.fma.v{width}f32"
                 f"({vector} %in{r}, {vector} %w{h}, {vector} %old{r}{h})"
                 for r, h in sums
             ),

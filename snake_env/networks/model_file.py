@@ -50,7 +50,7 @@ class Model:
         kind: What its outputs are.
         params: The constants that it was trained with.
         network: Takes observations.
-        made: How it was made and what it is good for, as the manifest tells it.
+        made: How it was made and what it is good for, as recorded in the manifest.
         critic: A value network for the same robot, which ranks the ends of the modes that the policy
             prefers; a model of the kind ``value``, or None.
         images: Which image of a state its network is asked about.

@@ -20,7 +20,7 @@ Float32Array = NDArray[np.float32]
 Activation = Literal["relu", "tanh"]
 ACTIVATIONS: tuple[Activation, ...] = get_args(Activation)
 FEW = 16
-"""Up to so many inputs the compiled network is the faster one."""
+"""Up to this many rows the compiled network is faster than NumPy."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ CUT_SHORT = 0.25
 
 
 class LookaheadPolicy:
-    """Plays (21) to the end, then looks for shorter plans in ever wider beam searches.
+    """Plays (21) to the end, then looks for shorter plans in increasingly wide beam searches.
 
     The model is deterministic, so a plan that is followed comes true: the search happens at the first
     decision, and again only where the robot is not where the plan says. Anytime: when the deadline has

@@ -94,7 +94,7 @@ def load_policy(
         make, title = functools.partial(_of_file, Path(base)), "a model file"
     elif base in POLICIES:
         make, title = POLICIES[base], base
-    elif Path(base).is_dir():
+    elif base and Path(base).is_dir():
         make, title = functools.partial(_of_file, _of_run(Path(base))), "a model file"
     elif base.endswith(".zip"):
         expected = (

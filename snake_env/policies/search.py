@@ -135,7 +135,9 @@ def search(
     restarts: int = 0,
     seed: int = 0,
 ) -> Plan | None:
-    """The best plan of (21) and of ever wider beam searches: anytime, and never worse than (21).
+    """The best plan of (21) and of increasingly wide beam searches.
+
+    Anytime; without a limit it is never worse than (21).
 
     Args:
         start: Where the plan begins; not the target.
@@ -180,7 +182,7 @@ def noise_of(seed: int) -> np.random.Generator:
 def analytic_plan(
     state: SnakeState, params: SnakeParams, longest: int, budget: Budget
 ) -> Plan | None:
-    """Plays (21) to the end; None where it deadlocks or needs more than ``longest`` intervals."""
+    """Plays (21) to the end; None where it deadlocks, lets links touch or takes too long."""
     optimizer = AnalyticOptimizer(params)
     states: list[SnakeState] = []
     modes: list[int] = []
@@ -195,6 +197,8 @@ def analytic_plan(
         states.append(state)
         modes.append(selection.mode)
         chosen = selection.prediction.take(np.flatnonzero(selection.modes == selection.mode))
+        if not chosen.executable(params)[0]:
+            return None
         state = successors(StateBatch.stack([state]), [selection.mode], chosen, params)[0]
         cost += float(chosen.cost[0])
     return Plan(modes, states, cost)

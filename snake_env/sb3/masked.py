@@ -47,10 +47,7 @@ def check_space(space: spaces.Space[Any]) -> None:
     size, n_modes = (_size(space[part]) for part in _PARTS)
     joints = {observation_size(n): n for n in range(N_JOINTS_RANGE[0], N_JOINTS_RANGE[1] + 1)}
     if size not in joints or n_modes != len(mode_table(joints[size])):
-        expected = (
-            "one observation and its mask, not stacked ones: without VecFrameStack; "
-            "an observation says all about the state"
-        )
+        expected = "one observation and its mask, not stacked ones: remove VecFrameStack"
         raise InvalidInputError("observation_space", space, expected)
 
 

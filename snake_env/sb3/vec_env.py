@@ -102,7 +102,7 @@ class SnakeVecEnv(VecEnv):
         return self._observation(observation, self._masks), reward.astype(np.float32), done, infos
 
     def close(self) -> None:
-        """Nothing needs to be closed."""
+        """Closes the environment."""
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
@@ -123,10 +123,16 @@ class SnakeVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
     ) -> list[Any]:
-        """Calls a method and gives each robot its row of the result, as with ``action_masks``."""
-        target = self if hasattr(type(self), method_name) else self.envs
-        rows = getattr(target, method_name)(*args, **kwargs)
-        return [None if rows is None else rows[k] for k in self._get_indices(indices)]
+        """Calls a method of each robot's env: ``action_masks`` or ``render``.
+
+        Raises:
+            AttributeError: The robots have no such method.
+            TypeError: Arguments are given; these methods take none.
+        """
+        if args or kwargs:
+            raise TypeError(f"{method_name}() takes no arguments")
+        rows = self.envs.call(method_name)
+        return [rows[k] for k in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Nothing is wrapped; ``episode`` infos are there as if ``Monitor`` were."""

@@ -41,7 +41,7 @@ def read_arrays(path: Path, *names: str, most: int = LARGEST) -> dict[str, NDArr
     """
     try:
         if not path.is_file():
-            raise ArrayFileError("it is no file that exists")
+            raise ArrayFileError("the file does not exist")
         with zipfile.ZipFile(path) as archive:
             members = archive.namelist()
             for name in names:
@@ -49,7 +49,7 @@ def read_arrays(path: Path, *names: str, most: int = LARGEST) -> dict[str, NDArr
                     raise ArrayFileError(f"it has no array {name}")
             return {name: _read(archive, name, most) for name in names}
     except zipfile.BadZipFile as error:
-        reason = "it is no undamaged zip file; pickled objects are never read"
+        reason = "not a valid zip file; pickled objects are never read"
         raise ArrayFileError(f"{reason}: {error}") from None
     except _PROBLEMS as error:
         raise ArrayFileError(str(error) or type(error).__name__) from None

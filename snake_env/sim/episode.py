@@ -75,10 +75,10 @@ class Episodes:
         self.restart(np.arange(count), states)
 
     def restart(self, indices: IntArray, states: StateBatch) -> None:
-        """Begins new episodes at the given positions, in the given states."""
+        """Begins episodes at the given positions; intervals that the states have behind them count."""
         self._states = self._states.put(indices, states)
         self.outcome[indices] = np.where(states.phase > self.params.n_joints, "success", "")
-        self._intervals[indices] = 0
+        self._intervals[indices] = np.rint(states.elapsed / self.params.delta_t)
         for values in self._figures.values():
             values[indices] = 0.0
         self._figures["d_min"][indices] = least_distances(states.phi, self.params)
@@ -86,7 +86,7 @@ class Episodes:
         self._note_head_error(indices, states)
 
     def record(self, indices: IntArray, after: StateBatch, prediction: Prediction) -> None:
-        """Records executed intervals (a lane each) and of the states that they led to."""
+        """Records executed intervals, one lane each, and the states that they led to."""
         before = self._states.phi[indices]
         self._states = self._states.put(indices, after)
         self._intervals[indices] += 1
@@ -155,12 +155,12 @@ class Episode:
         self.outcome = str(self._episodes.outcome[0])
 
     def record(self, after: SnakeState, prediction: Prediction) -> None:
-        """Records an executed interval (one lane) and of the state that it led to."""
+        """Records an executed interval, one lane, and the state that it led to."""
         self._episodes.record(np.array([0]), StateBatch.stack([after]), prediction)
         self.outcome = str(self._episodes.outcome[0])
 
     def end(self, outcome: str) -> None:
-        """Ends the episode with an outcome that its motion does not tell: ``deadlock``, ``error``."""
+        """Ends the episode with an outcome that its motion does not show: ``deadlock``, ``error``."""
         self._episodes.outcome[0] = self.outcome = outcome
 
     def summary(self) -> EpisodeSummary:

@@ -263,3 +263,9 @@ def cost(state: SnakeState, mode: int, params: SnakeParams) -> tuple[float, Floa
     program = get_cost_program(params.n_joints)
     values = program.of_one(params, (state.phi, float(state.phase), grounded), np.float64)
     return float(values[0]), values[1:]
+
+
+def any_feasible(state: SnakeState, params: SnakeParams) -> bool:
+    """Whether some mode can be executed in this state without a violation."""
+    modes = mode_table(params.n_joints).valid(state.phase)
+    return bool(np.any(predict(state, modes, params).feasible))

@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TextIO
 
+STRAY = re.compile(r"\.snake-env-[a-z0-9_]{8}\.tmp")
+"""Names of what a killed process leaves of a file that it was writing."""
+_UMASK = os.umask(0)
+os.umask(_UMASK)  # it can't be read in another way
 
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Writes a file so that a reader sees the old one or the whole new one."""
+
+def write_atomically(path: Path, content: str | bytes, mode: int = 0o666 & ~_UMASK) -> None:
+    """Writes a file so that a reader sees the old one or the whole new one.
+
+    Args:
+        path: The file.
+        content: What it holds.
+        mode: Its permissions; those of any new file where they are not given.
+    """
     data = content.encode() if isinstance(content, str) else content
-    with replacing(path) as file:
+    with replacing(path, mode) as file:
         file.write(data)
 
 
@@ -29,15 +41,15 @@ def atomic_writer(path: Path) -> Iterator[TextIO]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
+def replacing(path: Path, mode: int = 0o666 & ~_UMASK) -> Iterator[IO[bytes]]:
     """A file to write to, which takes the place of the old one when it is complete."""
     file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
-        "wb", dir=path.parent, delete=False
+        "wb", dir=path.parent, prefix=".snake-env-", suffix=".tmp", delete=False
     )
     try:
         with file:
             yield file
-        os.chmod(file.name, 0o644)  # temporary files are their owner's alone
+        os.chmod(file.name, mode)  # temporary files are their owner's alone
         os.replace(file.name, path)
     except BaseException:
         Path(file.name).unlink(missing_ok=True)

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -29,10 +30,14 @@ _INSISTING = 3  # this many more of them end even the clean-up
 def start() -> None:
     """Ends ``python -m`` one of our commands quietly where it is interrupted before it has begun."""
     words = sys.orig_argv
+    here = Path(__file__).resolve().parents[2]
     modules = [b if a == "-m" else a[2:] for a, b in zip(words, [*words[1:], ""], strict=True)
                if a.startswith("-m")]  # fmt: skip
     is_command = sys.argv[:1] == ["-m"] and bool(modules)  # so it is while packages are imported
-    if is_command and modules[0].split(".")[0] in _COMMANDS:
+    name = modules[0].split(".")[0] if is_command else ""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    is_ours = name in _COMMANDS and file and Path(file).resolve().parents[1] == here
+    if is_ours:  # and no other package called "train"
         _install(_end_at_once)
 
 

@@ -230,3 +230,19 @@ def test_restored__it_goes_on_as_if_nothing_had_happened(anchor: float, begun: i
     assert all(torch.equal(told[name], again[name]) for name in told)
     assert same_network(through.network(), second.network())
     assert not _same(first.model, second.model)
+
+
+def test_restored_learner__explores_as_one_that_went_on() -> None:
+    """SB3 sets the rate of exploration after its first step only."""
+    changes = {"exploration": 0.9, "exploration_end": 0.8, "anchor": 0.0}
+    learner = _learnt(**changes)
+    other = _learner(**changes)
+    other.restore(copy.deepcopy(learner.saved()))
+    chosen = []
+    for each in (learner, other):
+        each.learn(256, 8, CallbackList([]), lambda *_: None)
+        buffer = each.model.replay_buffer
+        chosen.append(buffer.actions[: buffer.pos])
+    assert len(chosen[0]) > 50
+    assert np.array_equal(*chosen)
+    assert _same(learner.model, other.model)

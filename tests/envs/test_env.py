@@ -6,6 +6,7 @@ import json
 import pickle
 import re
 import warnings
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -19,6 +20,7 @@ from snake_env import (
     InvalidInputError,
     InvalidModeError,
     UnknownNameError,
+    action_mask,
     advance,
     load_policy,
     predict,
@@ -29,7 +31,7 @@ from snake_env.envs.reward import RewardWeights
 from snake_env.modes import mode_table
 from snake_env.sim.observation import observation_rows, observation_size
 from tests.support import oracle
-from tests.support.robots import oracle_constants
+from tests.support.robots import oracle_constants, same_state
 
 IDS = sorted(name for name in gymnasium.registry if name.startswith("SnakeModeSelection"))
 ID = "snake_env:SnakeModeSelection-v0"
@@ -239,6 +241,25 @@ def test_shaping__telescopes() -> None:
     assert shaped == pytest.approx(-2.0 * potential)
 
 
+@pytest.mark.parametrize("ending", ["stability", "horizon"])
+def test_shaping__pays_every_failure_alike(ending: str) -> None:
+    """Phi is 0 where an episode ends, so that shaping changes no optimal policy."""
+    weights = {"shaping": 1.0, "gamma": 1.0, "time": 0.0}
+    env = SnakeModeSelectionEnv(task_suite="sim-1", reward_weights=weights, horizon=2)
+    env.reset(seed=0)
+    state = env.state
+    potential = -(7 + abs(state.target[0] - state.phi[0]) / np.pi)
+    feasible = action_mask(state, env.params, "lookahead").astype(bool)
+    shaped, over, info = 0.0, False, {}
+    while not over:
+        allowed = feasible if ending == "horizon" else ~feasible
+        _, _, terminated, truncated, info = env.step(int(np.flatnonzero(allowed)[0]))
+        shaped += info["reward_terms"]["shaping"]
+        over = terminated or truncated
+    assert info["episode_summary"]["outcome"] in (ending, "deadlock")
+    assert shaped == pytest.approx(-potential)
+
+
 def test_slip__moves_the_head_and_wheels_still_roll() -> None:
     env = SnakeModeSelectionEnv(slip=(0.005, 0.02))
     _, info = env.reset(seed=4)
@@ -280,6 +301,34 @@ def test_state__saved_and_restored_gives_the_same_future() -> None:
     for future in futures[1:]:
         assert len(future) == len(futures[0])
         assert all(same(*steps, exact=True) for steps in zip(futures[0], future, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"horizon": 5}, "horizon"),
+        ({"preset": "narrow"}, "head_contact"),
+        ({"preset": "six"}, "n_joints"),
+        ({"no_repeat": True}, "no_repeat"),
+    ],
+)
+def test_state__of_an_env_with_other_constants_is_refused(
+    options: dict[str, Any], named: str
+) -> None:
+    other, env = SnakeModeSelectionEnv(**options), SnakeModeSelectionEnv()
+    other.reset(seed=0)
+    env.reset(seed=1)
+    before = env.state
+    with pytest.raises(InvalidInputError, match=rf"an env with the same .*{named}"):
+        env.set_state(other.get_state())
+    assert same_state(env.state, before)
+
+
+def test_state__with_intervals_behind_it_has_only_the_others_left() -> None:
+    env = SnakeModeSelectionEnv()
+    env.reset(seed=0)
+    env.set_state(env.state.replace(elapsed=297.0))
+    assert env.step(0)[4]["episode_summary"]["intervals"] == 100
 
 
 def test_observations_and_infos__are_fresh() -> None:

@@ -169,3 +169,21 @@ def _reset() -> SnakeModeSelectionVectorEnv:
     env = SnakeModeSelectionVectorEnv(2)
     env.reset(seed=0)
     return env
+
+
+def test_slip_of_each__is_that_of_an_env_of_its_own() -> None:
+    slip = [(0.0, 0.0), (0.003, 0.01), (0.0, 0.0), (0.001, 0.0)]
+    together = SnakeModeSelectionVectorEnv(
+        4, slip=slip, horizon=3, autoreset_mode=AutoresetMode.NEXT_STEP
+    )
+    alone = [
+        SnakeModeSelectionVectorEnv(1, slip=pair, horizon=3, autoreset_mode=AutoresetMode.NEXT_STEP)
+        for pair in slip
+    ]
+    observation, info = together.reset(seed=5)
+    rows = [env.reset(seed=5 + k) for k, env in enumerate(alone)]
+    for _ in range(10):  # over the ends of some episodes
+        assert np.array_equal(observation, np.concatenate([row[0] for row in rows]))
+        modes = info["action_mask"].argmax(axis=1)
+        observation, *_, info = together.step(modes)
+        rows = [env.step(modes[k : k + 1]) for k, env in enumerate(alone)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import RecordVideo
 
-from snake_env import UnknownNameError
+from snake_env import InvalidInputError, UnknownNameError
 from snake_env.envs.wrappers import MASK_FORMATS, ActionMaskObservation, RecordMotion
 
 ID = "snake_env:SnakeModeSelection-v0"
@@ -83,3 +83,13 @@ def test_gymnasiums_record_video__works(tmp_path: Path) -> None:
     env.step(0)
     env.close()
     assert len(list(tmp_path.glob("*.mp4"))) == 1
+
+
+def test_other_envs__are_refused() -> None:
+    with pytest.raises(InvalidInputError, match="env = 'CartPoleEnv': expected an env with"):
+        ActionMaskObservation(gymnasium.make("CartPole-v1"))
+    env = gymnasium.make("snake_env:SnakeModeSelection-v0", render_mode="rgb_array")
+    with pytest.raises(
+        InvalidInputError, match="render_mode = 'rgb_array': expected 'rgb_array_list'"
+    ):
+        RecordMotion(env, "videos")

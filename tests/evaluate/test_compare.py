@@ -24,7 +24,7 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Finished runs: of one policy each, of both together, of other tasks, another robot and floor."""
+    """Finished runs: of one policy each, of both together, of other tasks, robot and slip."""
     folder = tmp_path_factory.mktemp("compare")
     for name, arguments in {
         "a": ("imitate", *TASKS),
@@ -141,7 +141,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     ),
     "no JSON": (
         lambda f: (f / "summary.json").write_text('{"poli'),
-        r"the summary of a run \(it is no JSON",
+        r"the summary of a run \(invalid JSON",
     ),
     "bytes": (lambda f: (f / "summary.json").write_bytes(b"\xff\x00"), "the summary of a run"),
     "a list": (lambda f: (f / "summary.json").write_text("[]"), "the summary of a run"),
@@ -173,7 +173,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "a word for a latency": (_latency(p95="soon"), "p95 is 'soon'"),
     "an endless latency": (
         _written('"p95": ', '"p95": Infinity, "p95.": ', "summary.json"),
-        "Infinity is no number in JSON",
+        "JSON has no Infinity",
     ),
     "a negative latency": (_latency(p50=-1), "p50 is -1"),
     "a trillion tasks": (

@@ -236,3 +236,11 @@ def test_solve__finds_a_way_where_21_finds_none() -> None:
     plan = replay(state, _modes(row), PAPER)
     assert plan is not None
     assert len(plan) == row["intervals"] <= 25
+
+
+def test_plans__let_no_links_touch(monkeypatch: pytest.MonkeyPatch) -> None:
+    states, modes, _ = sim_1_episode()
+    assert replay(states[0], tuple(modes), PAPER) is not None
+    monkeypatch.setattr(SnakeParams, "d_touch", property(lambda params: 1.0))  # whatever they do
+    assert replay(states[0], tuple(modes), PAPER) is None
+    assert analytic_plan(states[0], PAPER, 100, Budget()) is None

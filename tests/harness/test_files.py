@@ -35,7 +35,7 @@ def test_read__keeps_its_bounds(tmp_path: Path) -> None:
     for odd in (tmp_path, tmp_path / "none", path / "below", Path("a\0b"), tmp_path / ("a" * 300)):
         with pytest.raises(FileError):
             read_bytes(odd)
-    with pytest.raises(FileError, match="no file"):
+    with pytest.raises(FileError, match="not a regular file"):
         read_bytes(Path("/dev/zero"))
     path.write_bytes(b"\xff")
     with pytest.raises(FileError, match="UTF-8"):
@@ -70,7 +70,7 @@ def test_file_names__differ_where_names_do(one: str, other: str) -> None:
     assert (file_name(one) == file_name(other)) == (one == other)
 
 
-@pytest.mark.parametrize("name", ["tmpabcd1234", "tmp_a1b2c3d"])
+@pytest.mark.parametrize("name", [".snake-env-abcd123_.tmp"])
 def test_strays__are_known(tmp_path: Path, name: str) -> None:
     (tmp_path / name).touch()
     assert is_stray(tmp_path / name)

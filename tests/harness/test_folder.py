@@ -40,26 +40,26 @@ def _fill(folder: Path, *files: str) -> None:
         (("done.json",), "finished"),
         (("done.json", "work.jsonl"), "begun"),
         (("work.jsonl", "a.png"), "begun"),
-        (("tmpab12_9xz",), "nothing"),
-        (("tmp_a1b2c3d",), "nothing"),
+        ((".snake-env-ab12_9xz.tmp",), "nothing"),
     ],
 )
 def test_resume__goes_by_what_is_there(tmp_path: Path, files: tuple[str, ...], found: str) -> None:
     _fill(tmp_path, *files)
     with held(tmp_path, LAYOUT, resume=True) as there:
         assert there == found
-        assert names(tmp_path) == {name for name in files if name[0] not in ".t"}
+        assert names(tmp_path) == {name for name in files if name[0] != "."}
 
 
 @pytest.mark.parametrize("options", [{}, {"resume": True}, {"overwrite": True}])
 def test_foreign_folder__is_left_alone(tmp_path: Path, options: dict[str, bool]) -> None:
-    _fill(tmp_path, "notes.txt", "a.png", "tmp", "tmp-notes.txt")
+    files = {"notes.txt", "a.png", "tmpab12_9xz", ".snake-env-ab12_9xz.tmp"}
+    _fill(tmp_path, *files)
     with (
         pytest.raises(InvalidInputError, match="an empty folder, or one with a run"),
         held(tmp_path, LAYOUT, **options),
     ):
         pass
-    assert names(tmp_path) == {"notes.txt", "a.png", "tmp", "tmp-notes.txt"}
+    assert names(tmp_path) == files
 
 
 def test_results__are_refused_or_replaced(tmp_path: Path) -> None:

@@ -62,6 +62,11 @@ def test_masks__are_found_the_way_sb3_contrib_looks_for_them() -> None:
     venv.reset()
     assert np.array_equal(np.stack(venv.env_method("action_masks")), venv.action_masks())
     assert len(venv.env_method("action_masks", indices=[1, 2])) == 2
+    assert venv.env_method("render") == [None] * venv.num_envs
+    with pytest.raises(AttributeError, match="the robots have no attribute 'reset'"):
+        venv.env_method("reset")
+    with pytest.raises(TypeError, match="takes no arguments"):
+        venv.env_method("render", "human")
     assert venv.env_is_wrapped(Monitor) == [True] * 4
     assert venv.has_attr("params")
     assert not venv.has_attr("parms")

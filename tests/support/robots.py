@@ -9,13 +9,13 @@ import numpy as np
 from hypothesis import strategies as st
 
 from evaluate.protocol import Row
-from snake_env.envs.slip import NO_SLIP, Slip
 from snake_env.kernel.distance import d_min
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.motion import Trajectory, trajectory
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
+from snake_env.sim.slip import NO_SLIP, Slip
 from snake_env.sim.tasks import load_tasks, random_suite
 from snake_env.state import FloatArray, SnakeState
 from tests.support import oracle

@@ -94,6 +94,23 @@ def test_interrupt__during_imports_and_set_up(
     assert code == 130
 
 
+def test_packages_of_others__keep_their_interrupts(tmp_path: Path) -> None:
+    """Somebody's own package may be called "train" and import the library."""
+    package = tmp_path / "train"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "import os, signal\nimport snake_env\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+        "except KeyboardInterrupt:\n    print('saved', flush=True)\n"
+    )
+    (package / "__main__.py").write_text("print('goes on')\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "train"], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "saved\ngoes on\n", "")
+
+
 @pytest.mark.parametrize("words", [EVALUATE, ("snake_env", "gif", "--out", "{tmp}/a.gif")])
 def test_interrupt__when_all_is_done_changes_nothing(
     words: tuple[str, ...], tmp_path: Path

@@ -283,7 +283,7 @@ def test_export__into_the_package_ships_what_a_wheel_has_room_for(
         ("--budget mine.yaml", "dqn: {ema_rate: 2}", "ema_rate = 2.0: expected a number from 0"),
         ("--budget mine.yaml", "value: {hidden: [0]}", "hidden = (0,): expected one or more"),
         ("--budget mine.yaml", "imitate: {epochs: -1}", "epochs = -1: expected a positive"),
-        ("--budget mine.yaml", "expected: 3", "expected = 3: expected a text"),
+        ("--budget mine.yaml", "expected: 3", "expected = 3: expected a string"),
         ("--budget mine.yaml", "models: {}", "unknown stage in the recipe 'models'"),
         ("--budget mine.yaml", "[value]", "expected a mapping of options to values"),
         ("--workers 0", "", "workers = 0"),

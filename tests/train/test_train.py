@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import train.recipe
+import train.run
 import train.value
 from harness.engine import Engine
+from harness.folder import Layout, held
 from snake_env.networks.model_file import read_model
 from snake_env.policies.value import NetworkValue
 from snake_env.sim.observation import observation_size
@@ -306,3 +309,13 @@ def test_value__reports_a_damaged_model(
     kept = tmp_path / "value-1.safetensors"
     kept.write_bytes(kept.read_bytes()[:-1])
     assert "a safetensors file" in TRAIN.refusal(capsys, *VALUE, tmp_path, "--resume")
+
+
+@pytest.mark.parametrize("layout", [train.run.LAYOUT, train.recipe.LAYOUT])
+def test_overwrite__leaves_the_users_own_files_alone(tmp_path: Path, layout: Layout) -> None:
+    theirs = {"tasks.npz", "mine.csv", "mine.safetensors", "notes.json", "mine.log"}
+    ours = {"run.json", "log.csv"}
+    for name in theirs | ours:
+        (tmp_path / name).touch()
+    with held(tmp_path, layout, overwrite=True):
+        assert names(tmp_path) == theirs

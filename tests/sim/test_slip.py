@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from evaluate.replay import replay
-from snake_env.envs.slip import NO_SLIP, Floor
 from snake_env.sim.simulation import advance
+from snake_env.sim.slip import NO_SLIP, SlipProcess
 from snake_env.sim.tasks import random_suite
 from tests.support.evaluations import evaluated
 from tests.support.robots import PAPER, row_of, sim_1_episode
@@ -16,12 +16,12 @@ SLIP = (0.004, 0.02)
 SUITE = random_suite(6, 8, PAPER)
 
 
-def test_floor__moves_the_head_alone_by_normal_amounts() -> None:
+def test_slip_process__moves_the_head_alone_by_normal_amounts() -> None:
     states, modes, _ = sim_1_episode()
     after, prediction = advance(states[0], modes[0], PAPER)
     slips = []
     for task in range(2000):
-        there, same = Floor(SLIP, task, PAPER).advance(states[0], modes[0])
+        there, same = SlipProcess(SLIP, task, PAPER).advance(states[0], modes[0])
         slips.append(there.w - after.w)
         if task < 3:
             for field in dataclasses.fields(after):
@@ -39,26 +39,30 @@ def test_floor__moves_the_head_alone_by_normal_amounts() -> None:
 def test_slips__follow_each_other_and_depend_on_the_task_alone() -> None:
     states, modes, _ = sim_1_episode()
 
-    def slips(task: int, some_modes: list[int]) -> list[np.ndarray]:
-        floor, state, found = Floor(SLIP, task, PAPER), states[0], []
+    def slips_of(task: int, some_modes: list[int]) -> list[np.ndarray]:
+        process, state, found = SlipProcess(SLIP, task, PAPER), states[0], []
         for mode in some_modes:
-            there, _ = floor.advance(state, mode)
+            there, _ = process.advance(state, mode)
             found.append(there.w - advance(state, mode, PAPER)[0].w)
             state = there
         return found
 
-    one, again, other = slips(3, modes[:3]), slips(3, [modes[1]] * 3), slips(4, modes[:3])
+    one, again, other = (
+        slips_of(3, modes[:3]),
+        slips_of(3, [modes[1]] * 3),
+        slips_of(4, modes[:3]),
+    )
     np.testing.assert_allclose(one, again, atol=1e-15)  # whatever the policy chooses
     assert min(abs(np.subtract(one, other)).max(axis=1)) > 1e-4
     assert abs(one[0] - one[1]).max() > 1e-4
 
 
-def test_floor__without_slip_is_the_model() -> None:
+def test_slip_process__without_slip_is_the_model() -> None:
     states, modes, _ = sim_1_episode()
-    floor = Floor(NO_SLIP, 1, PAPER)
+    process = SlipProcess(NO_SLIP, 1, PAPER)
     for state, mode in zip(states, modes, strict=False):
         np.testing.assert_array_equal(
-            floor.advance(state, mode)[0].w, advance(state, mode, PAPER)[0].w
+            process.advance(state, mode)[0].w, advance(state, mode, PAPER)[0].w
         )
 
 

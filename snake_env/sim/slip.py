@@ -1,4 +1,4 @@
-"""Slip of the wheels: after each interval the head is not quite where the model says (section VI).
+"""Slip of the wheels: after each interval the head is displaced at random (section VI).
 
 The paper's robot ended with an error of the shape, which its authors suspect came from lateral slip.
 Here the head's pose is off by normally distributed amounts after each interval; joints are where they
@@ -26,7 +26,7 @@ MOST_SLIP = 10.0
 
 
 def check_slip(given: Any) -> Slip:
-    """The slip that someone asks for.
+    """Validates a slip.
 
     Raises:
         InvalidInputError: It is not two numbers, zero or positive.
@@ -66,13 +66,13 @@ def slipped(
         rngs: N sources of randomness.
     """
     scales = np.broadcast_to(_of_pose(slip), w.shape)
-    if not scales.any():
-        return w
-    off: FloatArray = w + [rng.normal(0.0, scale) for rng, scale in zip(rngs, scales, strict=True)]
-    return off
+    there = w.copy()
+    for k in np.flatnonzero(scales.any(axis=1)).tolist():  # without slip no random number is drawn
+        there[k] += rngs[k].normal(0.0, scales[k])
+    return there
 
 
-def slips(slip: Slip, count: int, rng: np.random.Generator) -> FloatArray:
+def randomised_slips(slip: Slip, count: int, rng: np.random.Generator) -> FloatArray:
     """Domain randomisation: of some episodes each slips by its own share of ``slip``, from 0 to 2.
 
     Args:
@@ -92,7 +92,7 @@ def slip_batch(states: StateBatch, scales: FloatArray, rng: np.random.Generator)
 
     Args:
         states: N states at the end of an interval.
-        scales: Their standard deviations, shape (N, 3), as :func:`slips` gives them.
+        scales: Their standard deviations, shape (N, 3), as :func:`randomised_slips` gives them.
         rng: Source of randomness; not used where nothing slips.
     """
     if not scales.any():
@@ -106,8 +106,8 @@ def _of_pose(slip: Slip | FloatArray) -> FloatArray:
     return scales
 
 
-class Floor:
-    """The floor of one episode: executes modes, and lets the robot slip after each interval.
+class SlipProcess:
+    """Slip in one episode: executes modes and displaces the head after each interval.
 
     Args:
         slip: How much it slips.
