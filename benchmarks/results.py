@@ -128,7 +128,8 @@ def evaluated(name: str, evaluation: Evaluation) -> dict[str, Any]:
         if any(not params.differences(m.params) for m in shipped(policy.partition("+")[0]))
     ]
     summary = _evaluate(name, evaluation, [*ships, *evaluation.more])
-    kept = ("policies", "comparisons", "tasks", "preset", "slip", "command", "git", "versions")
+    kept = ["policies", "comparisons", "models", "tasks", "preset", "slip"]
+    kept += ["command", "git", "versions"]
     return {"processor": processor(), **{key: summary[key] for key in kept}}
 
 

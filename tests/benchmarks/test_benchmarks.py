@@ -1,5 +1,6 @@
 """The benchmarks run: what they print depends on the machine."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import pytest
 from benchmarks import kernel, results, training, vector
 from snake_env.errors import UnknownNameError
 from snake_env.sim.tasks import load_tasks
+from tests.support import ROOT
 from tests.support.robots import PAPER
 
 
@@ -65,6 +67,16 @@ def test_results__have_no_violation_by_a_policy_that_simulates_its_choice() -> N
                 assert row["violations"] == 0, (name, policy)
                 checked[name, policy] = row["n"]
     assert {checked["paper", f"{learner}+critic"] for learner in ("ppo", "dqn")} == {10_000}
+
+
+def test_results__are_of_the_networks_that_ship() -> None:
+    files = (ROOT / "snake_env" / "pretrained").glob("*.safetensors")
+    digests = {hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    for name in results.EVALUATIONS:
+        models = json.loads((results.DATA / f"{name}.json").read_text())["models"]
+        assert models["analytic"] == []
+        assert models["ppo+critic"]
+        assert {digest for own in models.values() for digest in own} <= digests, name
 
 
 def test_results__refuse_parts_that_do_not_exist() -> None:
