@@ -11,7 +11,7 @@ from agents.failures import failure_cost
 from agents.sampling import sampled_modes
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
-from snake_env.policies.one_step import CREEPING
+from snake_env.policies.one_step import MIN_PROGRESS
 from snake_env.policies.search import Expansion, best_of_each, expand
 from snake_env.policies.value import PhaseValue, ValueFunction, network_value
 from snake_env.sim.observation import observe
@@ -176,7 +176,7 @@ def _greedy(
 def _creeping(tree: Expansion, before: StateBatch) -> FloatArray:
     """What keeps a mode that leads nowhere behind all others, as the policies that use the value do."""
     turn = np.abs(tree.states.phi - before.phi[tree.parent]).max(axis=1, initial=0.0)
-    return np.where(turn < CREEPING, _LAST, 0.0)
+    return np.where(turn < MIN_PROGRESS, _LAST, 0.0)
 
 
 def _lambda_returns(

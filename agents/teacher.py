@@ -51,7 +51,7 @@ def label(
     shape = (len(states), len(mode_table(params.n_joints)))
     cost = np.full(shape, np.inf, dtype=np.float32)
     cost[tree.parent, tree.mode] = 1.0 + after
-    mask = action_masks(states, "instant", params)
+    mask = action_masks(states, params)
     return Decisions(states, mask if modes is None else mask & modes, np.isfinite(cost), cost)
 
 
@@ -175,7 +175,7 @@ def _executed(states: StateBatch, modes: IntArray, params: SnakeParams) -> State
 
 def preferred(states: StateBatch, network: SymmetricNetwork, params: SnakeParams) -> IntArray:
     """The modes that a policy's network prefers of those that are stable at t_k, shape (N,)."""
-    mask = action_masks(states, "instant", params)
+    mask = action_masks(states, params)
     modes: IntArray = np.where(mask, network(observe(states, params)), -np.inf).argmax(axis=1)
     return modes
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import statistics
 import subprocess
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -220,7 +222,7 @@ def page() -> str:
     }
     robots = {name: _data(name) for name in ROBOTS}
     runs = (_data("seeds") or {"runs": []})["runs"]
-    return environment.get_template(TEMPLATE).render(
+    text = environment.get_template(TEMPLATE).render(
         experiment=_data("experiment"),
         robots={name: data for name, data in robots.items() if data},
         speed=_data("speed"),
@@ -233,6 +235,10 @@ def page() -> str:
         ),
         against=_against,
     )
+    as_it_is = ("|", "#", "```", "![")  # tables, headings, code, pictures
+    blocks = re.split(r"\n{2,}", text.strip())
+    wrapped = [b if b.startswith(as_it_is) else textwrap.fill(b, 100) for b in blocks]
+    return "\n\n".join(wrapped) + "\n"
 
 
 def _data(name: str) -> Any:

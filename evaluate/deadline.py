@@ -31,7 +31,7 @@ def check_limit(seconds: float) -> None:
         raise InvalidInputError("decision_timeout", seconds, "a system with signal.setitimer")
 
 
-def within(seconds: float | None, call: Callable[..., T], *args: Any) -> T:
+def with_timeout(seconds: float | None, call: Callable[..., T], *args: Any) -> T:
     """Calls a function, and raises in it when the time is over.
 
     Python looks for signals between its own instructions: what never comes back from compiled code

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from evaluate.deadline import DecisionTimeoutError, within
+from evaluate.deadline import DecisionTimeoutError, with_timeout
 from evaluate.outside import make_policy, staying
 from evaluate.protocol import Row, chooses_modes
 from evaluate.replay import modes_of, slip_process_of
@@ -84,10 +84,10 @@ def _decide_again(
             if row["error"]:
                 continue
             state = suite.initial(row["task"], params)
-            within(limit_s, policy.reset, row["task"])
+            with_timeout(limit_s, policy.reset, row["task"])
             process = slip_process_of(row, params)
             for mode in modes_of(row):
-                yield within(limit_s, _duration_us, policy, state)
+                yield with_timeout(limit_s, _duration_us, policy, state)
                 state, _ = process.advance(state, mode)
     except (Exception, SystemExit, DecisionTimeoutError):
         return  # it decided well in the episodes: what is measured so far has to do

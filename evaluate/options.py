@@ -35,10 +35,10 @@ class Options:
         tyro.conf.Positional,
         tyro.conf.arg(metavar="POLICY...", help_behavior_hint=""),
     ]
-    """Names (analytic, analytic-14, lookahead, value, imitate, ppo, dqn, random, skid), model files, or
-    run folders of python -m train. +shield simulates each choice before it is executed, +critic
-    simulates the eight preferred modes. Options follow a colon: lookahead:width=16. The first policy
-    is the baseline."""
+    """Names (analytic, analytic-14, first-feasible, lookahead, value, imitate, ppo, dqn, random, skid),
+    model files, or run folders of python -m train. +shield simulates each choice before it is executed,
+    +critic simulates the eight preferred modes. Options follow a colon: lookahead:width=16. The first
+    policy is the baseline."""
     policy: Factories = ()
     """Your own policy; the factory is called with the robot's constants. May be repeated."""
     tasks: str = "paper-500"

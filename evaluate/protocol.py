@@ -7,7 +7,7 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-from evaluate.deadline import DecisionTimeoutError, within
+from evaluate.deadline import DecisionTimeoutError, with_timeout
 from evaluate.outside import is_outside, make_policy, staying
 from harness.console import in_one_line
 from snake_env.errors import InvalidInputError, UnknownNameError, as_integer
@@ -170,11 +170,11 @@ def run_episode(
     rollouts_before = 0
     try:
         rollouts_before = _rollouts(policy)
-        within(decision_timeout_s, policy.reset, seed)
+        with_timeout(decision_timeout_s, policy.reset, seed)
         if _rollouts(policy) < rollouts_before:  # it counts each episode by itself
             rollouts_before = 0
         while not episode.outcome:
-            mode = within(decision_timeout_s, policy.select_mode, state)
+            mode = with_timeout(decision_timeout_s, policy.select_mode, state)
             after, prediction = slip_process.advance(state, mode)
             if prediction.violation[0] and not any_feasible(state, params):
                 episode.end("deadlock")

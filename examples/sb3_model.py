@@ -16,6 +16,7 @@ import torch
 from stable_baselines3 import PPO
 
 from snake_env import SnakeParams, SnakeState, action_mask, observe
+from snake_env.sim.episode import has_moved
 
 
 class SavedModel:
@@ -34,17 +35,17 @@ class SavedModel:
     def reset(self, seed: int | None = None) -> None:
         """Begins an episode: nothing has been tried."""
         self.tried: set[int] = set()
-        self.where = np.empty(0)
+        self.where: tuple[int, np.ndarray] | None = None
 
     def select_mode(self, state: SnakeState) -> int:
-        """The mode of highest preference among those that are open."""
+        """The mode of highest probability among those that are allowed."""
         mask = action_mask(state, self.params)
-        if len(self.where) and np.abs(state.phi - self.where).max() < 1e-3:
+        if self.where is None or has_moved(*self.where, state):
+            self.tried, self.where = set(), (state.phase, state.phi)
+        else:
             self.tried.add(state.last_mode)
             left = mask & ~np.isin(np.arange(len(mask)), list(self.tried))
             mask = left if left.any() else mask
-        else:
-            self.tried, self.where = set(), state.phi
         return self.predict(observe(state, self.params), mask)
 
     def predict(self, observation: np.ndarray, mask: np.ndarray) -> int:

@@ -25,7 +25,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy
 from snake_env.policies.registry import load_policy
 from snake_env.sim.masks import action_mask
-from snake_env.sim.motion import Trajectory, trajectory
+from snake_env.sim.motion import Trajectory, trajectories, trajectory
 from snake_env.sim.observation import observe
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
 from snake_env.sim.simulation import (
@@ -71,6 +71,7 @@ __all__ = [
     "predict",
     "predict_batch",
     "set_num_threads",
+    "trajectories",
     "trajectory",
 ]
 

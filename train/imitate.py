@@ -24,8 +24,8 @@ from snake_env.networks.model_file import Model, read_model, write_model
 from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sim.warm_up import warm_up
-from train.given import read_checked
 from train.ground import Ground
+from train.initial_models import read_checked
 from train.run import Run, RunFolder, part_seed
 from train.validation import Validation, in_words, quality
 

@@ -34,8 +34,8 @@ from snake_env.sb3 import SnakeVecEnv
 from snake_env.sim.tasks import FROZEN, load_tasks
 from snake_env.sim.warm_up import warm_up
 from train.checkpoint import bad_checkpoint, check_counters, load_checkpoint, save_checkpoint
-from train.given import read_checked
 from train.ground import Ground
+from train.initial_models import read_checked
 from train.log import RunLog
 from train.run import Run, RunFolder, part_seed
 from train.validation import Validation, in_words
@@ -85,6 +85,7 @@ class LearnerOptions:
     run: Run = field(default_factory=Run)
     robot: Robot = field(default_factory=Robot)
     engine: Engine = field(default_factory=Engine)
+    """Parallel execution of several --seeds; a single run uses one process."""
     loop: Loop = field(default_factory=Loop)
     ground: Ground = field(default_factory=Ground)
     validation: Validation = field(default_factory=Validation)

@@ -24,8 +24,8 @@ from snake_env.params import SnakeParams
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
 from snake_env.sim.warm_up import warm_up
-from train.given import read_checked
 from train.ground import Ground
+from train.initial_models import read_checked
 from train.run import Run, RunFolder, part_seed
 
 _LARGEST = 8 * 2**30  # bytes of an array of returns

@@ -21,7 +21,7 @@ from snake_env.modes import mode_table
 from snake_env.params import LARGEST, SnakeParams
 from snake_env.sim.episode import Episodes
 from snake_env.sim.masks import MaskLevel, action_masks, check_mask_level
-from snake_env.sim.observation import observed
+from snake_env.sim.observation import observe_unchecked
 from snake_env.sim.slip import check_slip, slipped
 from snake_env.sim.tasks import TaskSuite, load_tasks, random_tasks
 from snake_env.state import FloatArray, IntArray, StateBatch, checked_shape
@@ -244,12 +244,12 @@ class EnvCore:
 
     def observe(self, indices: IntArray) -> NDArray[np.float32]:
         """Observations of the robots at the given positions, shape (K, size)."""
-        return observed(self.states.take(indices), self.options.params)
+        return observe_unchecked(self.states.take(indices), self.options.params)
 
     def masks(self, indices: IntArray) -> NDArray[np.bool_]:
         """Which modes they may choose, shape (K, n_modes): at least one each, all after a success."""
         states = self.states.take(indices)
-        masks = action_masks(states, self.options.mask_level, self.options.params)
+        masks = action_masks(states, self.options.params, self.options.mask_level)
         if self.no_repeat is not None:
             masks = self.no_repeat.without_tried(indices, masks)
         masks[states.phase > self.options.params.n_joints] = True

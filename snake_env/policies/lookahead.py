@@ -12,7 +12,7 @@ from snake_env.params import SnakeParams
 from snake_env.policies.base import models_of
 from snake_env.policies.search import Budget, Plan, search
 from snake_env.policies.value import ValueFunction, load_value
-from snake_env.sim.episode import STILL
+from snake_env.sim.episode import has_moved
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.state import SnakeState
 
@@ -109,11 +109,7 @@ class LookaheadPolicy:
     def _is_worth_a_search(self, state: SnakeState) -> bool:
         """Whether searches have not failed too often, and not from this very shape."""
         last = self._in_vain
-        moved = (
-            last is None
-            or last.phase != state.phase
-            or float(np.abs(last.phi - state.phi).max()) >= STILL
-        )
+        moved = last is None or has_moved(last.phase, last.phi, state)
         return moved and self._failures < FAILURES
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from snake_env.networks.model_file import Model
 from snake_env.networks.symmetry import with_images
 from snake_env.params import SnakeParams
-from snake_env.sim.episode import STILL
+from snake_env.sim.episode import has_moved
 from snake_env.sim.lanes import check_running
-from snake_env.sim.observation import get_observation_kernel, observe_one
+from snake_env.sim.observation import get_observation_kernel, observation_and_mask
 from snake_env.state import IntArray, SnakeState
 
 
@@ -54,10 +54,10 @@ class NetworkPolicy:
 
     def select_mode(self, state: SnakeState) -> int:
         """The mode of highest logit."""
-        observation, open_ = self._open(state)
-        ranks = self._network(observation[None])[0]
-        ranks[~open_] = -np.inf
-        return int(ranks.argmax())
+        observation, allowed = self._allowed(state)
+        logits = self._network(observation[None])[0]
+        logits[~allowed] = -np.inf
+        return int(logits.argmax())
 
     def ranking(self, state: SnakeState, unless: int = 0) -> IntArray:
         """The modes that may be chosen, the preferred ones first; ties go to the lowest index.
@@ -67,19 +67,19 @@ class NetworkPolicy:
             unless: Where there are no more modes than this, the network is not asked, and they come in
                 the order of their numbers.
         """
-        observation, open_ = self._open(state)
-        modes: IntArray = np.flatnonzero(open_)
+        observation, allowed = self._allowed(state)
+        modes: IntArray = np.flatnonzero(allowed)
         if len(modes) <= unless:
             return modes
         logits = self._network(observation[None])[0][modes]
         ranked: IntArray = modes[np.argsort(-logits, kind="stable")]
         return ranked
 
-    def _open(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def _allowed(self, state: SnakeState) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """The observation, and the modes that are stable at t_k, but for those tried in vain."""
-        observation, mask = observe_one(state, self._params)
+        observation, mask = observation_and_mask(state, self._params)
         check_running(state)
-        if self._has_moved(state):
+        if self._where is None or has_moved(*self._where, state):
             self._where = state.phase, state.phi
             self._tried.clear()
         elif state.elapsed != self._asked_at and state.last_mode >= 0:
@@ -90,10 +90,3 @@ class NetworkPolicy:
             left[list(self._tried)] = False
             mask = left if left.any() else mask
         return observation, mask
-
-    def _has_moved(self, state: SnakeState) -> bool:
-        """Whether the robot is somewhere else than where the modes were tried."""
-        if self._where is None or abs(state.last_turn) >= STILL:  # the SCP tells soonest
-            return True
-        phase, phi = self._where
-        return phase != state.phase or bool(np.abs(state.phi - phi).max() >= STILL)

@@ -16,17 +16,17 @@ from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import predict, successors
 from snake_env.state import IntArray, SnakeState, StateBatch
 
-CREEPING = 0.05
+MIN_PROGRESS = 0.05
 """Modes in which no joint turns as far as this in an interval lead nowhere [rad]: k_t goes to 0 as a
 joint comes close to its limit, and a network that prefers one of them would do so again and again."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A mode to execute, and whether it leads somewhere (:data:`CREEPING`)."""
+    """A mode to execute, and whether it leads somewhere (:data:`MIN_PROGRESS`)."""
 
     mode: int
-    leads: bool
+    makes_progress: bool
 
 
 def best_mode(
@@ -52,7 +52,7 @@ def best_mode(
         prediction = predict(state, modes, params)
         executable = prediction.executable(params)
         turn = np.abs(prediction.phi - state.phi).max(axis=1)
-    moving = executable & (turn >= CREEPING)
+    moving = executable & (turn >= MIN_PROGRESS)
     leads = bool(moving.any())
     kept = np.flatnonzero(moving if leads else executable)
     if len(kept) <= 1:
@@ -150,7 +150,7 @@ class CriticPolicy:
                 break
             self.rollouts += len(candidates)
             choice = best_mode(state, candidates, self._value, self._params)
-            if choice is not None and choice.leads:
+            if choice is not None and choice.makes_progress:
                 return choice.mode
             creeping = creeping or choice
         if creeping is not None:

@@ -99,7 +99,7 @@ class ActionValue:
     def __call__(self, states: StateBatch) -> FloatArray:
         """The return of the best mode, in intervals."""
         logits = self._network(observe(states, self._params)).astype(np.float64)
-        logits[~action_masks(states, "instant", self._params)] = -np.inf
+        logits[~action_masks(states, self._params, "instant")] = -np.inf
         weights = RewardWeights()
         best = REWARD_PER_LOGIT * logits.max(axis=1)
         intervals: FloatArray = (best - weights.success) / weights.time

@@ -29,6 +29,12 @@ STILL = 1e-3
 """A robot stands still if no joint turns by more than this in an interval [rad]."""
 
 
+def has_moved(phase: int, phi: FloatArray, state: SnakeState) -> bool:
+    """Whether a robot has left the phase and the shape (n,) [rad] that it once had."""
+    turned = abs(state.last_turn) >= STILL or np.abs(state.phi - phi).max() >= STILL
+    return phase != state.phase or bool(turned)
+
+
 @dataclass(frozen=True)
 class EpisodeSummary:
     """Figures of an episode, so far or at its end.

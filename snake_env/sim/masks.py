@@ -25,15 +25,17 @@ def check_mask_level(level: str) -> None:
         raise UnknownNameError("mask level", level, get_args(MaskLevel))
 
 
-def action_masks(states: StateBatch, level: MaskLevel, params: SnakeParams) -> NDArray[np.bool_]:
+def action_masks(
+    states: StateBatch, params: SnakeParams, level: MaskLevel = "instant"
+) -> NDArray[np.bool_]:
     """Masks of many states.
 
     Args:
         states: N states.
+        params: The constants.
         level: ``structural``: what the phase allows. ``instant``: and (22) holds at t_k, which costs
             no roll-out. ``lookahead``: and (22), (23) hold throughout the interval: as many
             roll-outs as (21).
-        params: The constants.
 
     Returns:
         Shape (N, n_modes). Where a level would leave nothing to choose, what the level before it
@@ -79,7 +81,7 @@ def action_mask(
     check_state(state, params)
     if level == "instant":
         return instant_mask(state, params)
-    mask: NDArray[np.bool_] = action_masks(StateBatch.stack([state]), level, params)[0]
+    mask: NDArray[np.bool_] = action_masks(StateBatch.stack([state]), params, level)[0]
     return mask
 
 
@@ -87,7 +89,7 @@ def instant_mask(state: SnakeState, params: SnakeParams) -> NDArray[np.bool_]:
     """The mask ``instant`` of a state that fits the constants, in some microseconds: (n_modes,)."""
     mask: NDArray[np.bool_]
     if len(mode_table(params.n_joints)) > MAX_MODES:
-        mask = action_masks(StateBatch.stack([state]), "instant", params)[0]
+        mask = action_masks(StateBatch.stack([state]), params, "instant")[0]
     else:
         kernel = get_mask_kernel(params.n_joints, params.head_contact)
         mask = kernel.of_one(params, (state.phi, state.phase), np.bool_)

@@ -64,10 +64,10 @@ def observe(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.
         check_state(states, params)
     else:
         check_states(states, params)
-    return observed(states, params)
+    return observe_unchecked(states, params)
 
 
-def observed(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.float32]:
+def observe_unchecked(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np.float32]:
     """:func:`observe` for states that are known to fit the constants."""
     kernel = get_observation_kernel(params.n_joints, params.head_contact)
     if isinstance(states, SnakeState):
@@ -75,7 +75,7 @@ def observed(states: SnakeState | StateBatch, params: SnakeParams) -> NDArray[np
     return kernel.of_many(params, _arguments(states, params), np.float32)
 
 
-def observe_one(
+def observation_and_mask(
     state: SnakeState, params: SnakeParams
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """All that a learned policy needs for a decision, in some microseconds.
@@ -92,7 +92,7 @@ def observe_one(
         InvalidInputError: The state does not fit the constants.
     """
     check_state(state, params)
-    return observed(state, params), instant_mask(state, params)
+    return observe_unchecked(state, params), instant_mask(state, params)
 
 
 def _arguments(state: SnakeState | StateBatch, params: SnakeParams) -> tuple[Any, ...]:

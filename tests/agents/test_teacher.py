@@ -72,7 +72,7 @@ def test_costs__say_what_is_feasible(params: SnakeParams) -> None:
         assert decisions.cost_to_go[k].min() >= 1.0
         assert (decisions.cost_to_go[k][feasible] <= 1.0 + failure_cost(params)).all()
         assert same_state(decisions.states[k], state)
-    assert np.array_equal(decisions.mask, action_masks(decisions.states, "instant", params))
+    assert np.array_equal(decisions.mask, action_masks(decisions.states, params, "instant"))
     assert decisions.feasible.any()
     assert not decisions.feasible[decisions.feasible.any(axis=1)].all(axis=1).any()
 

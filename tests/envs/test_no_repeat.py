@@ -66,7 +66,7 @@ def test_masks__close_what_did_nothing_until_the_robot_moves() -> None:
 
 
 def _feasible(env: SnakeModeSelectionEnv) -> np.ndarray:
-    return action_masks(env.core.states, "lookahead", env.params)[0]
+    return action_masks(env.core.states, env.params, "lookahead")[0]
 
 
 def test_rule__leaves_one_choice_at_least() -> None:

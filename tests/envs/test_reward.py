@@ -62,7 +62,7 @@ def test_failure__costs_the_same_however_early_it_is_chosen(wait: int) -> None:
 
 def _forbidden(env: SnakeModeSelectionEnv) -> int:
     """A mode that the phase does not allow, or that breaks (22) or (23)."""
-    allowed = action_masks(env.core.states, "lookahead", env.params)[0]
+    allowed = action_masks(env.core.states, env.params, "lookahead")[0]
     return int(np.flatnonzero(~allowed)[0])
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from evaluate.__main__ import main
-from evaluate.deadline import DecisionTimeoutError, within
+from evaluate.deadline import DecisionTimeoutError, with_timeout
 from evaluate.outside import is_outside, make_policy
 from evaluate.protocol import Shard, run_episode, run_shard
 from harness.engine import Engine
@@ -123,11 +123,11 @@ def test_policy_that_takes_forever__ends_its_episode_only() -> None:
 
 def test_limit__leaves_no_alarm_behind() -> None:
     before = signal.getsignal(signal.SIGALRM)
-    assert within(30.0, lambda x: x + 1, 1) == 2
+    assert with_timeout(30.0, lambda x: x + 1, 1) == 2
     with pytest.raises(ZeroDivisionError):
-        within(30.0, lambda: 1 // 0)
+        with_timeout(30.0, lambda: 1 // 0)
     with pytest.raises(DecisionTimeoutError):
-        within(0.01, time.sleep, 60)
+        with_timeout(0.01, time.sleep, 60)
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert signal.getsignal(signal.SIGALRM) is before
 
@@ -137,7 +137,7 @@ def test_limit__goes_through_code_that_swallows_exceptions() -> None:
     policy.reset(1)
     state = random_suite(1, 0, PAPER).initial(0, PAPER)
     with pytest.raises(DecisionTimeoutError):
-        within(0.05, policy.select_mode, state)
+        with_timeout(0.05, policy.select_mode, state)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ for task in range(3):
     state = suite.initial(task, params)
     prediction = predict(state, ModeTable(8).valid(1), params)
     batch = StateBatch.stack([state])
-    seen = observe(batch, params), action_masks(batch, "instant", params)
+    seen = observe(batch, params), action_masks(batch, params, "instant")
     for array in (prediction.phi, prediction.cost, prediction.d_min, prediction.j, *seen):
         sys.stdout.write(array.tobytes().hex() + "\\n")
 """

@@ -13,7 +13,7 @@ from snake_env.networks.symmetry import Images
 from snake_env.policies.network_policy import NetworkPolicy
 from snake_env.policies.shield import ShieldedPolicy
 from snake_env.sim.masks import instant_mask
-from snake_env.sim.observation import observe_one
+from snake_env.sim.observation import observation_and_mask
 from snake_env.sim.optimizer import AnalyticOptimizer
 from snake_env.sim.simulation import advance, predict
 from snake_env.sim.tasks import load_tasks
@@ -33,8 +33,8 @@ def preferring(order: list[int]) -> Model:
 
 def wanted(model: Model, state: SnakeState) -> tuple[np.ndarray, np.ndarray]:
     """What the network says of the images that its model names; and the mask."""
-    observation, mask = observe_one(state, PARAMS)
-    image, _ = observe_one(mirrored(state), PARAMS)
+    observation, mask = observation_and_mask(state, PARAMS)
+    image, _ = observation_and_mask(mirrored(state), PARAMS)
     if model.images == "both":
         return model.network(observation) + model.network(image), mask
     return model.network(observation if state.target[-1] >= 0.0 else image), mask
@@ -160,7 +160,7 @@ def test_model__of_other_robots_or_another_kind_is_refused() -> None:
         NetworkPolicy(PARAMS, model_of(kind="value"))
 
 
-def test_shield__passes_a_feasible_favourite_for_one_rollout() -> None:
+def test_shield__passes_a_feasible_preferred_mode_for_one_rollout() -> None:
     state = SUITE.initial(1, PARAMS)
     mode = AnalyticOptimizer(PARAMS).select(state).mode
     assert mode is not None

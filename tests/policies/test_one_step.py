@@ -16,7 +16,7 @@ from snake_env.networks.network import Network
 from snake_env.networks.symmetry import Images
 from snake_env.policies import one_step
 from snake_env.policies.network_policy import NetworkPolicy
-from snake_env.policies.one_step import CREEPING, Choice, CriticPolicy, ValuePolicy, best_mode
+from snake_env.policies.one_step import MIN_PROGRESS, Choice, CriticPolicy, ValuePolicy, best_mode
 from snake_env.policies.search import expand
 from snake_env.policies.value import (
     ActionValue,
@@ -116,7 +116,7 @@ def _misled(state: SnakeState, params: SnakeParams) -> Model:
 
 @pytest.mark.parametrize("ranker", ["network", "phases"])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_critic__looks_further_where_the_favourites_lead_nowhere(
+def test_critic__looks_further_where_the_preferred_modes_lead_nowhere(
     robot: str, ranker: str, lanes: list[int]
 ) -> None:
     params = ROBOTS[robot]
@@ -170,7 +170,7 @@ def test_critic__where_nothing_leads_anywhere_takes_from_the_first_that_can_be_e
 
 
 def test_best_mode__says_whether_it_leads_anywhere() -> None:
-    assert CREEPING == 0.05
+    assert MIN_PROGRESS == 0.05
     params, seen = ROBOTS["six"], set()
     for seed in range(40):
         state = _at_a_limit(seed, params)
@@ -180,12 +180,12 @@ def test_best_mode__says_whether_it_leads_anywhere() -> None:
         can = found.feasible & (found.d_min >= params.d_touch)
         for value in (PhaseValue(params), NetworkValue(_of(params, "value", 4), params)):
             choice = best_mode(state, modes[can & (turn < 0.05)], value, params)
-            assert choice is None or not choice.leads
+            assert choice is None or not choice.makes_progress
             seen.add(choice is None)
             everything = best_mode(state, modes, value, params)
             if (can & (turn >= 0.05)).any():
                 assert everything is not None
-                assert everything.leads
+                assert everything.makes_progress
                 assert everything.mode in modes[can & (turn >= 0.05)]
             elif can.any():
                 assert everything == choice
@@ -201,7 +201,7 @@ def test_best_mode__says_whether_it_leads_anywhere() -> None:
 
 
 @pytest.mark.parametrize("robot", ["paper", "narrow"])
-def test_critic__with_all_modes_as_favourites_is_the_value_policy(robot: str) -> None:
+def test_critic__with_all_modes_preferred_is_the_value_policy(robot: str) -> None:
     params = ROBOTS[robot]
     value = load_value(params)
     policy = CriticPolicy(NetworkPolicy(params, _of(params, "policy", 1)), value, params, 99)

@@ -172,7 +172,7 @@ def test_random__is_uniform_over_the_instant_mask_and_predicts_nothing() -> None
         if 3 <= instant_mask(state, PAPER).sum() < VALID[4]
         and all(abs(stability_margin(state.phi, state, m, PAPER)) > KNIFE_EDGE for m in range(8))
     )
-    mask = action_masks(StateBatch.stack([state]), "instant", PAPER)[0]
+    mask = action_masks(StateBatch.stack([state]), PAPER, "instant")[0]
     policy = load_policy("random")
     policy.reset(0)
     counts = Counter(policy.select_mode(state) for _ in range(3000))

@@ -27,7 +27,7 @@ LEVELS = ("structural", "instant", "lookahead")
 
 
 def _mask(state: SnakeState, level: str, params: SnakeParams = PAPER) -> np.ndarray:
-    return action_masks(StateBatch.stack([state]), level, params)[0]
+    return action_masks(StateBatch.stack([state]), params, level)[0]
 
 
 def _without_support(params: SnakeParams) -> SnakeState:
@@ -129,11 +129,11 @@ def test_masks__of_a_batch_are_those_one_by_one(level: str) -> None:
     states = [random_state(seed, NARROW) for seed in range(21)]
     states[3] = _without_support(NARROW)
     states[7] = states[7].replace(phase=9)
-    together = action_masks(StateBatch.stack(states), level, NARROW)
+    together = action_masks(StateBatch.stack(states), NARROW, level)
     assert together.shape == (21, 99)
     for state, mask in zip(states, together, strict=True):
         assert mask.tolist() == _mask(state, level, NARROW).tolist()
-    assert action_masks(StateBatch.stack(states[:0] or states).take([]), level, NARROW).size == 0
+    assert action_masks(StateBatch.stack(states[:0] or states).take([]), NARROW, level).size == 0
 
 
 @pytest.mark.parametrize("level", LEVELS)

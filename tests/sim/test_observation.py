@@ -15,7 +15,12 @@ from snake_env.kernel.instant_mask import MAX_MODES
 from snake_env.modes import mode_table
 from snake_env.params import SnakeParams
 from snake_env.sim.masks import action_masks
-from snake_env.sim.observation import observation_rows, observation_size, observe, observe_one
+from snake_env.sim.observation import (
+    observation_and_mask,
+    observation_rows,
+    observation_size,
+    observe,
+)
 from snake_env.sim.simulation import instantly_stable
 from snake_env.state import SnakeState, StateBatch
 from tests.support import oracle
@@ -112,7 +117,7 @@ def test_observation__has_the_bits_of_the_equations_on_floats(params: SnakeParam
         )
         values = [value for block in blocks.values() for value in block]
         expected = np.array(values, dtype=np.float32)
-        assert observe_one(state, params)[0].tobytes() == expected.tobytes()
+        assert observation_and_mask(state, params)[0].tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("n_joints", SIZES)
@@ -138,10 +143,10 @@ def test_observation__of_no_states_is_empty(n_joints: int) -> None:
 
 def _same_as_in_a_batch(state: SnakeState, params: SnakeParams) -> None:
     batch = StateBatch.stack([state])
-    observation, mask = observe_one(state, params)
+    observation, mask = observation_and_mask(state, params)
     assert (observation.dtype, mask.dtype) == (np.float32, np.bool_)
     assert observation.tobytes() == observe(batch, params)[0].tobytes()
-    assert mask.tolist() == action_masks(batch, "instant", params)[0].tolist()
+    assert mask.tolist() == action_masks(batch, params, "instant")[0].tolist()
 
 
 @pytest.mark.parametrize("params", [PAPER, NARROW, *(SnakeParams(n_joints=n) for n in (5, 9))])
@@ -167,7 +172,7 @@ def test_observe_one__falls_back_to_the_phases_modes_where_none_is_stable() -> N
         allowed = table.mask(state.phase)
         copies = StateBatch.stack([state]).take([0] * allowed.sum())
         stable = instantly_stable(copies, np.flatnonzero(allowed), params)
-        mask = observe_one(state, params)[1]
+        mask = observation_and_mask(state, params)[1]
         assert mask[allowed].tolist() == (stable if stable.any() else ~stable).tolist()
         assert not mask[~allowed].any()
         fallen += not stable.any()
@@ -176,13 +181,13 @@ def test_observe_one__falls_back_to_the_phases_modes_where_none_is_stable() -> N
 
 def test_observe_one__gives_fresh_arrays() -> None:
     states = [seen_state(seed, PAPER, 2) for seed in (1, 2)]
-    first = observe_one(states[0], PAPER)
+    first = observation_and_mask(states[0], PAPER)
     kept = [array.copy() for array in first]
-    observe_one(states[1], PAPER)
+    observation_and_mask(states[1], PAPER)
     assert all(np.array_equal(*pair) for pair in zip(first, kept, strict=True))
     for array in first:
         array[:] = 0
-    again = observe_one(states[0], PAPER)
+    again = observation_and_mask(states[0], PAPER)
     assert all(np.array_equal(*pair) for pair in zip(again, kept, strict=True))
 
 
@@ -190,7 +195,7 @@ def test_observe_one__is_right_in_threads_at_once() -> None:
     states = [seen_state(seed, PAPER) for seed in range(40)]
     params = [PAPER, PAPER.replace(track=0.2), PAPER.replace(phi_limit=1.5)]
     expected = {
-        (k, j): [array.tobytes() for array in observe_one(state, p)]
+        (k, j): [array.tobytes() for array in observation_and_mask(state, p)]
         for k, state in enumerate(states)
         for j, p in enumerate(params)
     }
@@ -201,7 +206,7 @@ def test_observe_one__is_right_in_threads_at_once() -> None:
         start.wait()
         rng = np.random.default_rng(seed)
         for k, j in zip(rng.integers(40, size=2000), rng.integers(3, size=2000), strict=True):
-            seen = observe_one(states[k], params[j])
+            seen = observation_and_mask(states[k], params[j])
             if [array.tobytes() for array in seen] != expected[k, j]:
                 wrong.append((int(k), int(j)))
 
@@ -223,7 +228,7 @@ def test_public_observe_and_mask__are_those_of_the_env(params: SnakeParams) -> N
         assert np.array_equal(snake_env.observe(StateBatch.stack([env.state]), params), [seen])
         assert np.array_equal(snake_env.action_mask(env.state, params), info["action_mask"])
         for level in ("structural", "instant", "lookahead"):
-            expected = action_masks(StateBatch.stack([env.state]), level, params)[0]
+            expected = action_masks(StateBatch.stack([env.state]), params, level)[0]
             assert np.array_equal(snake_env.action_mask(env.state, params, level), expected)
     with pytest.raises(UnknownNameError, match="did you mean 'instant'"):
         snake_env.action_mask(env.state, params, "instnt")

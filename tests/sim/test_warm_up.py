@@ -39,7 +39,7 @@ def test_warm_up__leaves_nothing_to_compile(
         assert caplog.text.count("compiling") == 2 + len(block_widths())
         caplog.clear()
         state = random_state(0, params)
-        action_masks(StateBatch.stack([state]), "lookahead", params)
+        action_masks(StateBatch.stack([state]), params, "lookahead")
         AnalyticPolicy(params).select_mode(state)
         assert not caplog.records  # (21) needs no observations
         policy = NetworkPolicy(params, model)
