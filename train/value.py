@@ -20,6 +20,7 @@ from harness.provenance import command
 from harness.robot import Robot
 from snake_env.errors import InvalidInputError
 from snake_env.networks.model_file import Model, read_model, write_model
+from snake_env.networks.network import Network
 from snake_env.params import SnakeParams
 from snake_env.sim.array_file import ArrayFileError, read_arrays
 from snake_env.sim.observation import observation_size
@@ -111,29 +112,9 @@ def train(options: Options, console: Console) -> Path:
         torch.set_num_threads(1)
         warm_up(params)
         for generation in range(len(rows), options.generations):
-            trace_decay = options.trace_decay if generation >= options.exact else 1.0
-            player = begun if network is None else network
-            parts = [
-                Play(
-                    options.run.seed,
-                    generation,
-                    first // _PART,
-                    count,
-                    player,
-                    trace_decay,
-                    params,
-                    options.ground.slip,
-                )
-                for first in range(0, options.episodes, _PART)
-                for count in [min(_PART, options.episodes - first)]
-            ]
-            played: list[Returns] = []
             label = f"generation {generation + 1} of {options.generations}"
-            with progress(console, options.episodes, "episodes") as advance:
-                for returns in options.engine.map(play, parts):
-                    played.append(returns)
-                    advance(label, parts[returns.part].count)
-            played.sort(key=lambda returns: returns.part)
+            player = begun if network is None else network
+            played = _play(options, generation, player, params, label, console)
             np.savez(
                 folder.path / f"returns-{generation}.npz",
                 observations=np.concatenate([returns.observations for returns in played]),
@@ -151,13 +132,9 @@ def train(options: Options, console: Console) -> Path:
                 seed=part_seed(options.run.seed, generation),
                 track=functools.partial(tracked, console, label, "batches"),
             )
-            strict = sum(returns.strict for returns in played)
-            solved = sum(returns.solved for returns in played)
-            time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
             row = {
                 "generation": generation + 1,
-                "success": round(solved / max(1, strict), 5),
-                "mean_time_s": round(time_s, 3),
+                **_greedy(played, params),
                 "fit_error": round(error, 4),
             }
             made = {"command": command(), "config": config, "generation": generation + 1}
@@ -170,7 +147,8 @@ def train(options: Options, console: Console) -> Path:
             ):
                 stale.unlink(missing_ok=True)
             console.print(
-                f"{label}: played {solved}/{strict}, {time_s:.1f} s; fitted to {error:.2f} intervals"
+                f"{label}: {row['success']:.1%} solved by greedy play, {row['mean_time_s']:.1f} s; "
+                f"fitted to {error:.2f} intervals"
             )
         assert network is not None
         if finished and file.exists():
@@ -181,6 +159,45 @@ def train(options: Options, console: Console) -> Path:
         write_model(file, Model("value", params, network, made))
         console.print(f"model: {file}", soft_wrap=True)
         return file
+
+
+def _play(
+    options: Options,
+    generation: int,
+    player: Network | None,
+    params: SnakeParams,
+    label: str,
+    console: Console,
+) -> list[Returns]:
+    """A generation's episodes, in order."""
+    parts = [
+        Play(
+            options.run.seed,
+            generation,
+            first // _PART,
+            count,
+            player,
+            options.trace_decay if generation >= options.exact else 1.0,
+            params,
+            options.ground.slip,
+        )
+        for first in range(0, options.episodes, _PART)
+        for count in [min(_PART, options.episodes - first)]
+    ]
+    played = []
+    with progress(console, options.episodes, "episodes") as advance:
+        for returns in options.engine.map(play, parts):
+            played.append(returns)
+            advance(label, parts[returns.part].count)
+    return sorted(played, key=lambda returns: returns.part)
+
+
+def _greedy(played: list[Returns], params: SnakeParams) -> dict[str, float]:
+    """How the episodes went that were played greedily throughout."""
+    count = sum(returns.strict for returns in played)
+    solved = sum(returns.solved for returns in played)
+    time_s = sum(returns.time for returns in played) * params.delta_t / max(1, solved)
+    return {"success": round(solved / max(1, count), 5), "mean_time_s": round(time_s, 3)}
 
 
 def _kept(path: Path, generation: int) -> Path:
