@@ -15,7 +15,14 @@ from tests.support import ROOT
 PACKAGES = ("snake_env", "agents", "train", "evaluate", "harness", "benchmarks")
 FOREIGN = {
     "stable_baselines3.common.base_class.BaseAlgorithm": [
-        *("_last_obs", "_n_updates", "_setup_learn", "_total_timesteps", "_vec_normalize_env"),
+        *(
+            "_current_progress_remaining",
+            "_last_obs",
+            "_n_updates",
+            "_setup_learn",
+            "_total_timesteps",
+            "_vec_normalize_env",
+        ),
         *("_update_current_progress_remaining", "_update_learning_rate"),
     ],
     "stable_baselines3.common.off_policy_algorithm.OffPolicyAlgorithm": ["_sample_action"],

@@ -178,9 +178,10 @@ class EnvCore:
         )
 
     def restart(self, indices: IntArray, states: StateBatch) -> None:
-        """Begins the episodes at the given positions in the given states."""
+        """Begins episodes at the given positions; intervals that the states have behind them count."""
         self.states = self.states.put(indices, states)
-        self.episodes.restart(indices, states)
+        behind = np.rint(states.elapsed / self.options.params.delta_t).astype(np.int64)
+        self.episodes.restart(indices, states, behind)
         if self.no_repeat is not None:
             self.no_repeat.restart(indices, states)
 

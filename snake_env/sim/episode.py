@@ -80,11 +80,11 @@ class Episodes:
         self._states = states
         self.restart(np.arange(count), states)
 
-    def restart(self, indices: IntArray, states: StateBatch) -> None:
-        """Begins episodes at the given positions; intervals that the states have behind them count."""
+    def restart(self, indices: IntArray, states: StateBatch, behind: IntArray | int = 0) -> None:
+        """Begins episodes at the given positions, which have some intervals behind them."""
         self._states = self._states.put(indices, states)
         self.outcome[indices] = np.where(states.phase > self.params.n_joints, "success", "")
-        self._intervals[indices] = np.rint(states.elapsed / self.params.delta_t)
+        self._intervals[indices] = behind
         for values in self._figures.values():
             values[indices] = 0.0
         self._figures["d_min"][indices] = least_distances(states.phi, self.params)

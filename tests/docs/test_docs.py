@@ -227,7 +227,7 @@ def test_readme__has_the_figures_of_the_results() -> None:
         figures = 100 * row["success_rate"], row["time_s"]["mean"], row["rollouts_per_decision"]
         assert cells == [f"{value:.{k}f}" for value, k in zip(figures, (2, 1, 1), strict=True)]
         count += 1
-    assert count == 5
+    assert count == 7
 
 
 def test_results__are_short() -> None:

@@ -109,7 +109,7 @@ def test_action_value__of_no_states_is_empty() -> None:
 def test_load_value__falls_as_the_target_comes_near(params: SnakeParams) -> None:
     value, n = load_value(params), params.n_joints
     means = [
-        float(value(StateBatch.stack([random_state(k, params, phase) for k in range(30)])).mean())
+        float(value(StateBatch.stack([random_state(k, params, phase) for k in range(200)])).mean())
         for phase in (1, n // 2, n)
     ]
     assert means[0] > means[1] > means[2] > 0.0

@@ -128,8 +128,8 @@ def _stacked(frames: int) -> VecFrameStack:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: _stacked(2), "without VecFrameStack"),
-        (lambda: _stacked(4), "without VecFrameStack"),
+        (lambda: _stacked(2), "not stacked ones: remove VecFr"),
+        (lambda: _stacked(4), "not stacked ones: remove VecFr"),
         (lambda: SnakeVecEnv(2), "mask_in_observation=True"),
     ],
 )

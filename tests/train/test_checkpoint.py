@@ -271,7 +271,7 @@ def test_resume__is_idempotent(
     assert _run(words, out, "--resume") == 0  # begins
     before = _lasting(out)
     capsys.readouterr()
-    (out / "tmpabc123_9").write_text("half a file")
+    (out / ".snake-env-abc123_9.tmp").write_text("half a file")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Engine, "map", Interrupted(0))
         assert _run(words, out, "--resume") == 0  # is finished
