@@ -166,9 +166,8 @@ def fit(
         "regret": float((preferred * (1.0 - broken)).mean()),
         "infeasible": float(broken.mean()),
     }
-    return to_numpy(linear_layers(module), how.learning_rate).scaled(
-        1.0 / REWARD_PER_LOGIT
-    ), figures
+    fitted = to_numpy(linear_layers(module), how.learning_rate)
+    return fitted.scaled(1.0 / REWARD_PER_LOGIT), figures
 
 
 def _regret(costs: torch.Tensor, how: Fit) -> torch.Tensor:

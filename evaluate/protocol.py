@@ -15,7 +15,6 @@ from snake_env.params import SnakeParams
 from snake_env.policies.base import Policy, models_of
 from snake_env.policies.skid import skid
 from snake_env.sim.episode import Episode, EpisodeSummary
-from snake_env.sim.simulation import any_feasible
 from snake_env.sim.slip import NO_SLIP, Slip, SlipProcess
 from snake_env.sim.tasks import TaskSuite
 from snake_env.state import SnakeState
@@ -176,12 +175,9 @@ def run_episode(
         while not episode.outcome:
             mode = with_timeout(decision_timeout_s, policy.select_mode, state)
             after, prediction = slip_process.advance(state, mode)
-            if prediction.violation[0] and not any_feasible(state, params):
-                episode.end("deadlock")
-                break
-            modes.append(mode)
-            episode.record(after, prediction)
-            state = after
+            if episode.take(state, after, prediction):
+                modes.append(mode)
+                state = after
     except (Exception, SystemExit, DecisionTimeoutError) as problem:
         episode.end("error")
         error = _message(problem)

@@ -1,4 +1,4 @@
-"""Files that are read in bounds, what killed writers leave, and names of files."""
+"""Files that are read in bounds, and names of files."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import json
 import re
 from pathlib import Path
 from typing import Any, NoReturn
-
-from snake_env.system.files import STRAY
 
 LARGEST = 256 * 2**20
 """Bytes that are read of a file, unless a caller says otherwise."""
@@ -75,11 +73,6 @@ def parsed_json(text: str) -> Any:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"JSON has no {constant}")
-
-
-def is_stray(path: Path) -> bool:
-    """Whether it is what a killed process left of a file that it was writing."""
-    return STRAY.fullmatch(path.name) is not None and path.is_file()
 
 
 def file_name(name: str) -> str:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from harness.files import is_stray
 from snake_env.errors import InvalidInputError
+from snake_env.system.files import is_stray
 
 Found = Literal["nothing", "begun", "finished"]
 """What a folder holds of the work that a command is to do there."""

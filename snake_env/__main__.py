@@ -26,7 +26,7 @@ from snake_env.rendering.painter import Painter, save_gif
 from snake_env.rendering.scenes import Scene, motion_scenes, still_scene
 from snake_env.sim.episode import Episode
 from snake_env.sim.optimizer import AnalyticOptimizer, Selection
-from snake_env.sim.simulation import advance, any_feasible
+from snake_env.sim.simulation import advance
 from snake_env.sim.tasks import load_tasks
 from snake_env.state import SnakeState
 from snake_env.system import interrupts
@@ -145,10 +145,8 @@ def _gif(options: argparse.Namespace) -> int:
     while not episode.outcome:
         mode = policy.select_mode(state)
         after, prediction = advance(state, mode, params)
-        if prediction.violation[0] and not any_feasible(state, params):
-            episode.end("deadlock")
+        if not episode.take(state, after, prediction):
             break
-        episode.record(after, prediction)
         broken = "" if episode.outcome in ("", *_ENDS_AT_REST) else episode.outcome
         scenes += motion_scenes(state, mode, params, alarm=broken)
         state = after

@@ -13,8 +13,8 @@ class Ground:
 
     slip: tuple[float, float] = NO_SLIP
     """Wheel slip: standard deviations of the head's position [m] and heading [rad] per interval, for
-    example 0.001 0.005. Training scales it by a factor from 0 to 2: per episode,
-    for ppo and dqn per environment."""
+    example 0.001 0.005. Training scales it by a factor from 0 to 2: per episode, for ppo and dqn per
+    environment."""
 
     def check(self) -> None:
         """Raises InvalidInputError where the slip can't be used."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from snake_env.sim.episode import STILL
+from snake_env.sim.episode import have_moved
 from snake_env.state import IntArray, StateBatch
 
 
@@ -35,12 +35,7 @@ class NoRepeat:
     def record(self, indices: IntArray, modes: IntArray, after: StateBatch) -> None:
         """Records the modes that led to the given states."""
         assert self._phi is not None, "restart comes first"
-        turned = np.abs(after.phi - self._phi[indices]).max(axis=1)
-        moved = (
-            (np.abs(after.last_turn) >= STILL)
-            | (after.phase != self._phase[indices])
-            | (turned >= STILL)
-        )
+        moved = have_moved(self._phase[indices], self._phi[indices], after)
         self._tried[indices, modes] = True
         self.restart(indices[moved], after.take(np.flatnonzero(moved)))
 

@@ -1,7 +1,7 @@
 """What an agent would see where modes lead: one state's modes, predicted and observed in one go.
 
-The policy ``value`` predicts as (21) does and asks a network about every end. Most
-of its extra time over (21) went into building states in between, so this module skips them.
+The policy ``value`` predicts as (21) does and asks a network about every end. Most of its extra time
+over (21) went into building states in between, so this module skips them.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snake_env.params import SnakeParams
-from snake_env.sim.simulation import Prediction, least_distances
+from snake_env.sim.simulation import Prediction, any_feasible, least_distances
 from snake_env.state import FloatArray, IntArray, SnakeState, StateBatch
 
 OUTCOMES = ("success", "deadlock", "horizon", "stability", "joint_limit", "collision", "error")
@@ -33,6 +33,13 @@ def has_moved(phase: int, phi: FloatArray, state: SnakeState) -> bool:
     """Whether a robot has left the phase and the shape (n,) [rad] that it once had."""
     turned = abs(state.last_turn) >= STILL or np.abs(state.phi - phi).max() >= STILL
     return phase != state.phase or bool(turned)
+
+
+def have_moved(phases: IntArray, phi: FloatArray, states: StateBatch) -> NDArray[np.bool_]:
+    """:func:`has_moved` of N robots, for phases (N,) and shapes (N, n) [rad]."""
+    turned = (np.abs(states.last_turn) >= STILL) | (np.abs(states.phi - phi).max(axis=1) >= STILL)
+    moved: NDArray[np.bool_] = turned | (states.phase != phases)
+    return moved
 
 
 @dataclass(frozen=True)
@@ -164,6 +171,18 @@ class Episode:
         """Records an executed interval, one lane, and the state that it led to."""
         self._episodes.record(np.array([0]), StateBatch.stack([after]), prediction)
         self.outcome = str(self._episodes.outcome[0])
+
+    def take(self, before: SnakeState, after: SnakeState, prediction: Prediction) -> bool:
+        """Records an interval that a policy chose, or ends where no mode was feasible.
+
+        Returns:
+            Whether it was recorded.
+        """
+        if prediction.violation[0] and not any_feasible(before, self._episodes.params):
+            self.end("deadlock")
+            return False
+        self.record(after, prediction)
+        return True
 
     def end(self, outcome: str) -> None:
         """Ends the episode with an outcome that its motion does not show: ``deadlock``, ``error``."""

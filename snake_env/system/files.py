@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TextIO
 
-STRAY = re.compile(r"\.snake-env-[a-z0-9_]{8}\.tmp")
-"""Names of what a killed process leaves of a file that it was writing."""
+_PREFIX, _SUFFIX = ".snake-env-", ".tmp"  # of what is being written
 _UMASK = os.umask(0)
 os.umask(_UMASK)  # it can't be read in another way
 
@@ -44,7 +43,7 @@ def atomic_writer(path: Path) -> Iterator[TextIO]:
 def replacing(path: Path, mode: int = 0o666 & ~_UMASK) -> Iterator[IO[bytes]]:
     """A file to write to, which takes the place of the old one when it is complete."""
     file = tempfile.NamedTemporaryFile(  # noqa: SIM115  # closed below, before it is renamed
-        "wb", dir=path.parent, prefix=".snake-env-", suffix=".tmp", delete=False
+        "wb", dir=path.parent, prefix=_PREFIX, suffix=_SUFFIX, delete=False
     )
     try:
         with file:
@@ -54,3 +53,9 @@ def replacing(path: Path, mode: int = 0o666 & ~_UMASK) -> Iterator[IO[bytes]]:
     except BaseException:
         Path(file.name).unlink(missing_ok=True)
         raise
+
+
+def is_stray(path: Path) -> bool:
+    """Whether it is what a killed process left of a file that it was writing."""
+    pattern = rf"{re.escape(_PREFIX)}[a-z0-9_]{{8}}{re.escape(_SUFFIX)}"
+    return re.fullmatch(pattern, path.name) is not None and path.is_file()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.files import FileError, file_name, is_stray, parsed_json, read_bytes, read_json
+from harness.files import FileError, file_name, parsed_json, read_bytes, read_json
 
 BAD_JSON = [
     "",
@@ -68,10 +68,3 @@ def test_file_names__of_ordinary_policies_are_theirs(name: str) -> None:
 @given(st.text(min_size=1), st.text(min_size=1))
 def test_file_names__differ_where_names_do(one: str, other: str) -> None:
     assert (file_name(one) == file_name(other)) == (one == other)
-
-
-@pytest.mark.parametrize("name", [".snake-env-abcd123_.tmp"])
-def test_strays__are_known(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).touch()
-    assert is_stray(tmp_path / name)
-    assert not is_stray(tmp_path / "tmp.safetensors")

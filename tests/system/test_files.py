@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from snake_env.system.files import write_atomically
+from snake_env.system.files import is_stray, write_atomically
 from tests.support import ROOT
 from tests.support.commands import names
 
@@ -50,3 +50,10 @@ def test_files__have_the_rights_of_any_new_file(tmp_path: Path, umask: int) -> N
     subprocess.run(words, cwd=ROOT, check=True)
     one, other = ((tmp_path / name).stat().st_mode for name in "ab")
     assert one == other == 0o100666 & ~umask
+
+
+@pytest.mark.parametrize("name", [".snake-env-abcd123_.tmp"])
+def test_strays__are_known(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    assert is_stray(tmp_path / name)
+    assert not is_stray(tmp_path / "tmp.safetensors")
